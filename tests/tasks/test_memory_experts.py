@@ -120,7 +120,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
 
     def reached(left_m: float) -> np.ndarray:
         pos_w, q_w = expert.at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
-        _, cost_s = planner.find_angles(pos_w[:, None], q_w[:, None])
+        _, cost_s = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
     assert reached(memory_expert.LATERAL_OFFSET_M).all()

@@ -96,7 +96,7 @@ def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = reset_episodes()
     planner = MotionPlanner(episodes)
     target = planner.joint_positions + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
-    target = planner.angles_at(planner.pose(target)[0], planner.q_w, target)
+    target = planner.joint_positions_at(planner.pose(target)[0], planner.q_w, target)
     for _ in range(40):
         episodes.step(planner.action_to(planner.joint_step(target, 0.3, np.radians(10.0))))
         z_w = transforms.rotate(planner.q_w, [0.0, 0.0, 1.0])
@@ -107,7 +107,7 @@ def test_a_swing_arrives_at_its_angles_with_the_tool_level():
 def test_found_angles_have_the_pose(start):
     planner = MotionPlanner(start)
     pos_w, q_w = nearby(planner, (0.05, 0.05, 0.05), -0.3)
-    angles, cost = planner.find_angles(pos_w[:, None], q_w[:, None])
+    angles, cost = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
     found_pos, found_q = planner.pose(angles[:, 0])
     assert np.isfinite(cost).all()
     assert np.linalg.norm(found_pos - pos_w, axis=-1).max() < 0.003
@@ -116,7 +116,7 @@ def test_found_angles_have_the_pose(start):
 
 def test_nothing_is_found_out_of_reach(start):
     planner = MotionPlanner(start)
-    _, cost = planner.find_angles(planner.pos_w[:, None] + [0.0, 0.0, 2.0], planner.q_w[:, None])
+    _, cost = planner.find_joint_positions(planner.pos_w[:, None] + [0.0, 0.0, 2.0], planner.q_w[:, None])
     assert np.isinf(cost).all()
 
 
@@ -125,7 +125,7 @@ def test_it_costs_to_reach_through_the_table(start):
     planner = MotionPlanner(start)
     in_table = np.tile([0.0, -0.70, 0.735], (COUNT, 1))
     poses = np.stack([nearby(planner, (0.0, 0.1, 0.0), 0.0)[0], in_table], axis=1)
-    _, cost = planner.find_angles(poses, np.stack([planner.q_w, planner.q_w], axis=1))
+    _, cost = planner.find_joint_positions(poses, np.stack([planner.q_w, planner.q_w], axis=1))
     assert (cost[:, 0] < 5.0).all()
     assert (cost[:, 1] > COLLISION_COST_S).all()
 
@@ -136,8 +136,8 @@ def test_planning_does_not_depend_on_other_worlds(start):
     only = slice(2, 3)
     actions = together.action_toward(target, q_w, 0.2, 0.8)
     assert_array_equal(alone.action_toward(target[only], q_w[only], 0.2, 0.8), actions[only])
-    angles, cost = together.find_angles(target[:, None], q_w[:, None])
-    alone_angles, alone_cost = alone.find_angles(target[only, None], q_w[only, None])
+    angles, cost = together.find_joint_positions(target[:, None], q_w[:, None])
+    alone_angles, alone_cost = alone.find_joint_positions(target[only, None], q_w[only, None])
     assert_array_equal(alone_angles, angles[only])
     assert_array_equal(alone_cost, cost[only])
 

@@ -1,4 +1,6 @@
-"""Kinematics of chains of hinges for many poses: forward kinematics, Jacobian, isotropy, inverse kinematics.
+"""Kinematics of chains of hinges and slides: forward kinematics, Jacobian, isotropy, inverse kinematics.
+
+Joint positions are radians for hinges and metres for slides. ``Chain.units`` scales them to comparable numbers.
 
 Public arrays have the row first, (N, ...). Internally rows are last, so that operations run along contiguous memory,
 and a rotation is its three columns, (3, 3, N). All operations are element-wise over rows: a row's result has the same
@@ -30,16 +32,19 @@ from avrgym.geometry.small_matrices import (
     weighted_sum,
 )
 
+SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+
 
 @dataclass(frozen=True)
 class Chain:
-    """J hinges from a base frame to a tip frame.
+    """J hinges and slides from a base frame to a tip frame.
 
     Attributes:
-        pos, q: body of each hinge in the previous body at angle zero, (J, 3) and (J, 4).
-        axis: hinge axes in the body (J, 3).
+        pos, q: body of each joint in the previous body at position zero, (J, 3) and (J, 4).
+        axis: joint axes in the body (J, 3).
         tip_pos, tip_q: tip in the last body, (3,) and (4,).
         lower, upper: joint ranges (J,), infinite for continuous joints.
+        slides: indices of the joints that are slides.
     """
 
     pos: FloatArray
@@ -49,10 +54,18 @@ class Chain:
     tip_q: FloatArray
     lower: FloatArray
     upper: FloatArray
+    slides: frozenset[int] = frozenset()
+
+    @cached_property
+    def units(self) -> FloatArray:
+        """Joint displacements (J,) that count as 1: a radian of a hinge, ``METRES_PER_RADIAN`` of a slide."""
+        units = np.ones(len(self.pos))
+        units[list(self.slides)] = METRES_PER_RADIAN
+        return units
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """The same chain with all hinges about z: J + 1 fixed displacements and rotation columns, the last to the
+        """The same chain with all joints along z: J + 1 fixed displacements and rotation columns, the last to the
         tip."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
@@ -87,22 +100,22 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     Raises:
         ValueError: if the joints are not on the path from base to tip, one per body and in this order.
     """
-    hinge_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
+    joint_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
     base_id, body = model.body(base).id, model.body(tip).id
     pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
     segments: list[tuple[str, FloatArray, FloatArray]] = []
     while body != base_id:
         if body == 0:
             raise ValueError(f"body {tip!r} is not a descendant of {base!r}")
-        if body in hinge_of_body:
-            segments.insert(0, (hinge_of_body[body], pos, q))
+        if body in joint_of_body:
+            segments.insert(0, (joint_of_body[body], pos, q))
             pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
         pos, q = transforms.compose(model.body_pos[body], model.body_quat[body], pos, q)
         body = int(model.body_parentid[body])
     names = tuple(name for name, _, _ in segments)
     if names != tuple(joints):
-        raise ValueError(f"the hinges from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
-    # What was gathered after a hinge belongs before the next one; the last piece is the tip.
+        raise ValueError(f"the joints from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
+    # What was gathered after a joint belongs before the next one; the last piece is the tip.
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
     ranges = np.stack([_range(model, name) for name in joints])
     return Chain(
@@ -113,7 +126,13 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
         tip_q=segments[-1][2],
         lower=ranges[:, 0],
         upper=ranges[:, 1],
+        slides=frozenset(i for i, name in enumerate(joints) if model.joint(name).type[0] == SLIDE),
     )
+
+
+def joint_units(types: Sequence[int]) -> FloatArray:
+    """Joint displacements (J,) that count as 1, for types of MuJoCo; see ``Chain.units``."""
+    return np.where(np.equal(types, SLIDE), METRES_PER_RADIAN, 1.0)
 
 
 def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
@@ -122,7 +141,7 @@ def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
 
 
 def forward(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame for angles (N, J)."""
+    """Tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame for joint positions (N, J)."""
     poses = _poses(chain, rows_last(joint_positions))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
@@ -131,7 +150,7 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
     """Tip pose and geometric Jacobian in the base frame.
 
     Returns:
-        Positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
+        Positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad or m/m, rows 3–5 rad/rad; 0 for slides.
     """
     poses = _poses(chain, rows_last(joint_positions))
     q = transforms.from_matrix(rows_first(poses.columns))
@@ -139,12 +158,18 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
 
 
 def reach_m(chain: Chain) -> float:
-    """Upper bound of the distance of the tip from the first hinge."""
-    return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
+    """Upper bound of the distance of the tip from the first joint at position zero."""
+    travel = np.zeros((len(chain.pos), 2, 3))
+    for slide in chain.slides:
+        travel[slide, :, 2] = chain.lower[slide], chain.upper[slide]
+    offsets = (offset for offset, _ in chain.links[1:])
+    return float(
+        sum(transforms.norm(offset + ends).max() for offset, ends in zip(offsets, travel, strict=True))
+    )
 
 
 def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Angles (..., J) with continuous joints wrapped to ±π."""
+    """Joint positions (..., J) with continuous joints wrapped to ±π."""
     free = ~np.isfinite(chain.upper)
     return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
@@ -154,7 +179,7 @@ WEIGHT_FLOOR = 0.001
 
 
 def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Joint-limit weights (N, J) for angles (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
+    """Joint-limit weights (N, J) for joint positions (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
 
     The minimum of 0.001 applies outside the range. With half the range r and the lower limit l (Kapusta and Kemp,
     "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019): w = 1 − 0.5^((r −
@@ -169,13 +194,13 @@ def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 at singularities, at most 1.
+    """Joint-limit-weighted kinematic isotropy (N,) of joint positions (N, J): 0 at singularities, at most 1.
 
-    Geometric mean divided by arithmetic mean of the eigenvalues of J W Jᵀ, in metres and radians: det(J W Jᵀ)^(1/6) /
-    (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic
-    isotropy of Kim and Khosla (IROS 1991).
+    Geometric mean divided by arithmetic mean of the eigenvalues of J W Jᵀ, for joints in ``Chain.units``: det(J W
+    Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous Robots 43, 2019), after
+    the kinematic isotropy of Kim and Khosla (IROS 1991).
     """
-    j = _jacobian(_poses(chain, rows_last(joint_positions)))
+    j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
     square = weighted_square(j, rows_last(limit_weights(chain, joint_positions)))
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
@@ -185,7 +210,7 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Solution:
-    """Angles (N, J) and residual errors: metres (N,) and radians (N,), 0 for an error without a target."""
+    """Joint positions (N, J) and residual errors: metres (N,) and radians (N,), 0 for an error without a target."""
 
     joint_positions: FloatArray
     position_error_m: FloatArray
@@ -195,7 +220,7 @@ class Solution:
 MAX_ITERATIONS = 50
 MAX_TURN_RAD = 0.5
 METRES_PER_RADIAN = 0.3
-"""Weight of a rotation error: one radian counts as 0.3 m."""
+"""One radian counts as 0.3 m: of a rotation error, and of a joint's motion."""
 BLOCK_ROWS = 4096
 """Rows in a block: large against NumPy's call overhead, small enough for the processor's cache."""
 
@@ -214,21 +239,22 @@ def solve(
 
     The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at
     an end of its range that the error pushes outwards stays out of the step, as in projected Newton methods
-    (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). From the present angles, a few iterations
+    (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). From the present positions, a few iterations
     follow a moving target.
 
     Args:
         chain: the arm.
         target_pos: (N, 3) in the base frame, metres.
         target_q: (N, 4), or None for any rotation.
-        start: (N, J), the angles to start from.
-        iterations: how many steps at most, none of them larger than 0.5 rad in any joint.
+        start: (N, J), the joint positions to start from.
+        iterations: how many steps at most, none of them larger than 0.5 ``Chain.units`` in any joint.
         tolerance: a row stops moving when its weighted error is below this many metres.
         precision: of the calculation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
     target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
     angles = np.clip(rows_last(start).astype(precision), *limits[..., None])
+    units = chain.units[:, None].astype(precision)
     left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
     rows, waiting = np.split(np.arange(len(start)), [BLOCK_ROWS])
     while len(rows):
@@ -237,7 +263,7 @@ def solve(
         error = _error(poses, target.take(rows, axis=-1), metres_per_radian)
         left[:, rows] = norm(error[:3]), norm(error[3:])
         going = (norm(error) > tolerance) & (steps[rows] < iterations)
-        after = _step(now, limits[..., None], _jacobian(poses, metres_per_radian), error)
+        after = _step(now, limits[..., None], units, _scaled_jacobian(poses, metres_per_radian), error)
         rows, done = rows[going], len(rows) - np.count_nonzero(going)
         angles[:, rows] = after[:, going]
         steps[rows] += 1
@@ -259,8 +285,9 @@ def restart_uniforms(joints: int) -> int:
 def solve_with_restarts(
     chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_pose: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
-    """Angles (N, J) for targets (N, 3) and (N, 4), from one seed pose (J,), then from random poses up to 1 rad around
-    it.
+    """Joint positions (N, J) for targets (N, 3) and (N, 4), from one seed pose (J,), then from random poses around it.
+
+    These are up to 1 rad away in each joint, or as many ``Chain.units``.
 
     A row keeps the first solution within 5 mm and 0.05 rad, or else the best one. ``uniforms`` (N,
     ``restart_uniforms(J)``) draw the restarts. Continuous joints are wrapped to ±π.
@@ -271,7 +298,7 @@ def solve_with_restarts(
         if not len(rows):
             break
         spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
-        start = seed_pose + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
+        start = seed_pose + RESTART_SPREAD_RAD * chain.units * (2.0 * spread - 1.0)
         best = keep_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
     return wrap_angles(chain, best.joint_positions)
 
@@ -297,12 +324,16 @@ def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
 
 @dataclass(frozen=True)
 class _Poses:
-    """In the base frame: hinge origins and axes (J, 3, N), tip position (3, N) and rotation columns (3, 3, N)."""
+    """In the base frame: joint origins and axes (J, 3, N), tip position (3, N) and rotation columns (3, 3, N).
+
+    ``slides`` are the indices of slides.
+    """
 
     origins: FloatArray
     axes: FloatArray
     tip: FloatArray
     columns: FloatArray
+    slides: frozenset[int]
 
 
 def _poses(chain: Chain, angles: FloatArray) -> _Poses:
@@ -315,10 +346,14 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
     for i, (offset, rotation) in enumerate(chain.links[:-1]):
         origins[i] = pos = pos + weighted_sum(columns, offset)
         x, y, axes[i] = (weighted_sum(columns, column) for column in rotation)
-        columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
+        if i in chain.slides:
+            pos, columns = pos + angles[i] * axes[i], (x, y, axes[i])
+        else:
+            columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
     offset, rotation = chain.links[-1]
     tip = pos + weighted_sum(columns, offset)
-    return _Poses(origins, axes, tip, np.stack([weighted_sum(columns, column) for column in rotation]))
+    turned = np.stack([weighted_sum(columns, column) for column in rotation])
+    return _Poses(origins, axes, tip, turned, chain.slides)
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
@@ -326,6 +361,16 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
     j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
     j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
     np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
+    for slide in poses.slides:
+        j[slide, :3], j[slide, 3:] = poses.axes[slide], 0.0
+    return j
+
+
+def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
+    """The same for joints in ``Chain.units``."""
+    j = _jacobian(poses, metres_per_radian)
+    for slide in poses.slides:
+        j[slide] *= METRES_PER_RADIAN
     return j
 
 
@@ -346,14 +391,16 @@ DAMPING_PER_SQUARED_ERROR = 0.3
 MIN_DAMPING_M2 = 1e-5
 
 
-def _step(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
-    """Angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
+def _step(
+    angles: FloatArray, limits: FloatArray, units: FloatArray, j: FloatArray, error: FloatArray
+) -> FloatArray:
+    """Joint positions (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
     step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
-    return np.clip(angles + step, *limits)
+    return np.clip(angles + units * step, *limits)
 
 
 def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:

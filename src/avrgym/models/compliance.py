@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry.kinematics import joint_units
 from avrgym.models import collision_bits, human, robot, tools
 from avrgym.models.geoms import add_collision
 from avrgym.models.robot import Arm
@@ -106,7 +107,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
         spec: the scene.
         arm: the moving arm.
         tool: the tool in its hand.
-        lead_rad: largest lead of a servo target over its joint.
+        lead_rad: largest lead of a servo target over its joint, in ``kinematics.joint_units``.
     """
     if tool.hull is not None:
         _replace_walls_by_hull(spec, tool.hull)
@@ -115,8 +116,9 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
             set_compliance(geom)
         elif geom.name.startswith(robot.PREFIX) and geom.priority:  # parameters of such tools take precedence
             set_compliance(geom, SOFT_TISSUE if geom.condim == 1 else WASHCLOTH_PAD)
-    for joint, torque in zip(arm.joints, effort_limit(arm, lead_rad), strict=True):
-        spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]
+    lead = lead_rad * joint_units([spec.joint(robot.PREFIX + joint).type for joint in arm.joints])
+    for joint, effort in zip(arm.joints, effort_limit(arm, lead), strict=True):
+        spec.actuator(robot.PREFIX + joint).forcerange = [-effort, effort]
 
 
 def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TISSUE) -> None:
@@ -135,9 +137,9 @@ def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TI
     geom.solmix = _DOMINANT_MIX
 
 
-def effort_limit(arm: Arm, lead_rad: float) -> FloatArray:
-    """Torque limits (J,): the servo's spring torque at ``lead_rad``, or the motor's own limit if that is lower."""
-    return np.minimum(arm.effort_limit, lead_rad * arm.stiffness)
+def effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
+    """Limits of torque or force (J,): those of the servo's spring at ``lead``, or the motor's own if that is lower."""
+    return np.minimum(arm.effort_limit, lead * arm.stiffness)
 
 
 def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ GUARD_SHARE = 0.5
 RELEASE_SHARE = 0.25
 """The arm stops retracting below this share in every region. The gap between both shares prevents chattering."""
 WAYPOINT_RAD = 0.01
-"""A new waypoint is stored when a joint has moved this far from the latest one."""
+"""A new waypoint is stored when a joint has moved this far from the latest one. See ``Chain.units`` for slides."""
 WAYPOINTS = 150
 INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
 """Events of a recording: the guard starts to override commands, and stops."""
@@ -121,11 +121,12 @@ class ForceGuard(PerWorldState):
         )
 
     def _store_waypoints(self) -> None:
-        """Store the angles of arms that do not retract, unless they are near their latest waypoint."""
+        """Store the joint positions of arms that do not retract, unless they are near their latest waypoint."""
         angles = self._simulation.joint_positions()
         rows = np.arange(len(angles))
         latest = self._path[rows, (self._path_end - 1) % WAYPOINTS]
-        moved = ~self.retracting & (np.abs(angles - latest).max(axis=-1) >= WAYPOINT_RAD)
+        distance = np.abs((angles - latest) / self._simulation.joint_units).max(axis=-1)
+        moved = ~self.retracting & (distance >= WAYPOINT_RAD)
         self._path[rows[moved], self._path_end[moved] % WAYPOINTS] = angles[moved]
         self._path_end = self._path_end + moved
         self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)

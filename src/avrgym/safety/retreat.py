@@ -94,9 +94,7 @@ class Retreat:
         if self._steps * CONTROL_STEP_S >= MAX_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
-        return (
-            self._speeds(self._desired_velocity_w(near), near) / self._simulation.scene.arm.speed_limit
-        )
+        return self._speeds(self._desired_velocity_w(near), near) / self._simulation.scene.arm.speed_limit
 
     def _is_clear(self, near: NearGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]

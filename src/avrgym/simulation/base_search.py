@@ -50,7 +50,7 @@ class Scores:
 
 @dataclass(frozen=True)
 class BaseChoice:
-    """The best candidate of each world: its ``index`` (n,), its pose and the arm's angles (n, J) at the start.
+    """The best candidate of each world: its ``index`` (n,), its pose and the joint positions (n, J) at the start.
 
     ``reached`` (n,): the start pose is met within 5 mm and 0.05 rad. Elsewhere no candidate reaches it, and this one
     comes closest.
@@ -85,7 +85,7 @@ def search(
     A goal counts within 3 cm (reference) and 15°. Ties are broken by the sum of the joint-limit-weighted kinematic
     isotropy over the start pose and the reached goals. Inverse kinematics of the start pose begins at the seed pose,
     that of the goals at the start pose. In worlds with fewer than ten candidates that reach the start, the other
-    candidates try twice more, from poses up to 1 rad around the seed pose.
+    candidates try twice more, from poses around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.
@@ -94,7 +94,7 @@ def search(
         start_q_w: (n, 4).
         goal_pos_w: (n, G, 3), positions that it should reach from there.
         goal_q_w: (n, G, 4), or None for any rotation.
-        seed_pose: (J,), initial angles of the search for the start pose.
+        seed_pose: (J,), initial joint positions of the search for the start pose.
     """
     count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]
     bases = BasePoses(candidates.pos_w.reshape(-1, 3), candidates.yaw_rad.reshape(-1))
@@ -120,7 +120,8 @@ def _solve_starts(
     """Solve for arm angles (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
     seeds = np.tile(seed_pose, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
-    around = seed_pose + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_pose))
+    spread = kinematics.RESTART_SPREAD_RAD * chain.units
+    around = seed_pose + spread * _evenly_spread(RESTARTS * per_world, len(seed_pose))
     for starts in around.reshape(RESTARTS, per_world, -1):
         reached = kinematics.is_accurate(arms).reshape(-1, per_world)
         few = reached.sum(axis=-1, keepdims=True) < MIN_REACHING_CANDIDATES

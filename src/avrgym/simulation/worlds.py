@@ -11,10 +11,10 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.geometry import transforms
+from avrgym.geometry import kinematics, transforms
 from avrgym.geometry.arrays import constant_like, float_copy, moved_to, namespace, to_numpy
 from avrgym.geometry.transforms import norm
-from avrgym.models import compliance, human
+from avrgym.models import compliance, human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import (
     CONTROL_STEP_S,
@@ -39,7 +39,8 @@ __all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "Stat
 
 
 MAX_LEAD_RAD = 0.08
-"""Maximum lead of a joint's target before the joint: it bounds the force of a blocked servo."""
+"""Maximum lead of a joint's target before the joint: it bounds the force of a blocked servo. For slides, see
+``kinematics.joint_units``."""
 
 
 PARKING_W = np.array([4.0, 4.0, 0.1])
@@ -113,6 +114,9 @@ class Simulation:
         self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit
+        types = [self.model.joint(robot.PREFIX + joint).type[0] for joint in scene.arm.joints]
+        self.joint_units = kinematics.joint_units(types)
+        self._max_lead = MAX_LEAD_RAD * self.joint_units
         self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
 
@@ -190,11 +194,11 @@ class Simulation:
             self._now.ctrl[rows, self._names.arm_ctrl] = self._speed(action[which])
 
     def _speed(self, action: FloatArray) -> FloatArray:
-        """The joint speeds of actions (n, J), rad/s."""
+        """The joint speeds of actions (n, J), rad/s or m/s."""
         return namespace(action).clip(action, -1.0, 1.0) * constant_like(self._speed_limit, action)
 
     def brake_robot(self) -> None:
-        """Brake the arms: they stop and hold their position. Each servo's target becomes the angle of its joint."""
+        """Brake the arms: they stop and hold their position. Each servo's target becomes the position of its joint."""
         at = self._at
         if self._brakes is not None:
             self._brakes.engage()
@@ -301,13 +305,14 @@ class Simulation:
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
     def joint_positions(self) -> FloatArray:
-        """Returns the joint angles of the arm, (N, J)."""
+        """Returns the joint positions of the arm, (N, J), rad or m."""
         return self._now.qpos[:, self._at.arm_qpos]
 
     def joint_targets(self) -> FloatArray:
-        """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint angles."""
-        angles, targets = self.joint_positions(), self._now.act[:, self._at.arm_act]
-        return namespace(targets).clip(targets, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
+        """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint positions."""
+        positions, targets = self.joint_positions(), self._now.act[:, self._at.arm_act]
+        lead = constant_like(self._max_lead, targets)
+        return namespace(targets).clip(targets, positions - lead, positions + lead)
 
     def controls(self) -> FloatArray:
         """Returns the commands of all servos, (N, nu)."""

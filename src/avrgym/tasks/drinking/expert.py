@@ -68,7 +68,7 @@ class DrinkingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= np.abs(planner.joint_positions - self._before).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
         pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
         near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
@@ -94,7 +94,8 @@ class DrinkingExpert:
         pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD))
         before_w = pos_w - STANDOFF_M * transforms.rotate(yaw_q_w(state, approach), FORWARD)
         angles, seconds = (
-            part[:, 0] for part in self._planner.find_angles(before_w[:, None], q_w[:, None], CARRY_TILT_RAD)
+            part[:, 0]
+            for part in self._planner.find_joint_positions(before_w[:, None], q_w[:, None], CARRY_TILT_RAD)
         )
         return seconds + self._tilting_cost_s(state, approach, angles), angles
 
@@ -105,7 +106,7 @@ class DrinkingExpert:
             at_mouth(state, approach, np.full_like(approach.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
-            joint_positions = self._planner.angles_at(pos_w, q_w, joint_positions)
+            joint_positions = self._planner.joint_positions_at(pos_w, q_w, joint_positions)
             gap = self._clearance.min_distance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]

@@ -23,25 +23,25 @@ LIMIT_MARGIN_SHARE = 0.35
 
 
 class FeedbackPlanner(MotionPlanner):
-    """Continues from the measured joint angles, which a policy observes, instead of the servo targets.
+    """Continues from the measured joint positions, which a policy observes, instead of the servo targets.
 
     The preferred posture is the present one, moved away from the joint limits.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the present joint angles."""
+        """Start at the present joint positions."""
         super().__init__(episodes)
         lower, upper = self._chain.lower, self._chain.upper
         ends = LIMIT_MARGIN_SHARE * (upper - lower)
         self._middle = lower + ends, upper - ends
 
     def relax(self) -> None:
-        """Set the preferred posture to the present angles, clipped to the middle of the joint ranges."""
+        """Set the preferred posture to the present positions, clipped to the middle of the joint ranges."""
         self._update()
         self.posture = np.clip(self.joint_positions, *self._middle)
 
     def _update(self) -> None:
-        self._set_angles(self._simulation.joint_positions())
+        self._set_positions(self._simulation.joint_positions())
 
 
 class FeedbackExpert:
@@ -50,7 +50,7 @@ class FeedbackExpert:
     def __init__(
         self, episodes: RunningEpisodes, target: Callable[[State, TaskState, MotionPlanner], ToolTarget]
     ) -> None:
-        """Start at the present joint angles."""
+        """Start at the present joint positions."""
         self._episodes, self._target = episodes, target
         self._planner = FeedbackPlanner(episodes)
 

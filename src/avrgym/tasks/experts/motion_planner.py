@@ -31,14 +31,14 @@ class MotionPlanner:
     Plans continue from the servo targets, so that servo lag does not slow the tool down.
 
     Attributes:
-        joint_positions: planned joint angles (N, J).
-        pos_w, q_w: tool pose at these angles, (N, 3) and (N, 4).
-        posture: preferred posture (N, J); first the initial angles. It fills the arm's null space.
+        joint_positions: planned joint positions (N, J).
+        pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
+        posture: preferred posture (N, J); first the initial positions. It fills the arm's null space.
         scene: the scene of all worlds.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the present joint angles."""
+        """Start at the present joint positions."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
         self._chain = placement.arm_chain(self.scene)
@@ -46,7 +46,7 @@ class MotionPlanner:
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)
-        self._set_angles(self._simulation.joint_positions())
+        self._set_positions(self._simulation.joint_positions())
         self.posture = self.joint_positions
 
     def action_toward(
@@ -69,7 +69,7 @@ class MotionPlanner:
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Angles (N, J) of the next pose on the straight line to a target; see ``action_toward``."""
+        """Joint positions (N, J) of the next pose on the straight line to a target; see ``action_toward``."""
         self._update()
         step = target_pos_w - self.pos_w
         turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
@@ -77,11 +77,11 @@ class MotionPlanner:
         turn = turn * _limiting_share(turn, CONTROL_STEP_S * turn_rad_s)
         q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
         pull = POSTURE_SHARE * (self.posture - self.joint_positions)
-        pull *= _limiting_share(pull, np.full(len(pull), POSTURE_SHARE))
-        return self.angles_at(self.pos_w + step, q_w, self.joint_positions + pull)
+        pull *= _limiting_share(pull / self._chain.units, np.full(len(pull), POSTURE_SHARE))
+        return self.joint_positions_at(self.pos_w + step, q_w, self.joint_positions + pull)
 
     def joint_step(self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
-        """Angles (N, J) of the next pose on the way to other angles; all joints move together.
+        """Joint positions (N, J) of the next pose on the way to a target (N, J); all joints move together.
 
         The tool moves no faster than ``speed_m_s``, and its z axis stays within ``tilt_rad`` of the vertical.
         """
@@ -90,32 +90,34 @@ class MotionPlanner:
         pos, _ = self.pose(self.joint_positions + step)
         step *= _limiting_share(pos - self.pos_w, CONTROL_STEP_S * speed_m_s)
         pos_w, q_w = self.pose(self.joint_positions + step)
-        return self.angles_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
+        return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to(self, joint_positions: FloatArray) -> FloatArray:
-        """Actions (N, J) that move the arms to angles (N, J) within the speed limits; all joints move together."""
+        """Actions (N, J) that move the arms to joint positions (N, J) within the speed limits; all joints move
+        together.
+        """
         self._update()
         step = self._within_limits(joint_positions - self.joint_positions)
-        self._set_angles(self.joint_positions + step)
+        self._set_positions(self.joint_positions + step)
         return step / self._reach
 
-    def find_angles(
+    def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
     ) -> tuple[FloatArray, FloatArray]:
-        """Joint angles for K tool poses per world, (N, K, 3) and (N, K, 4), near the present ones and without
+        """Joint positions for K tool poses per world, (N, K, 3) and (N, K, 4), near the present ones and without
         collision.
 
         Returns:
-            Angles (N, K, J), and costs (N, K) in seconds: the duration of the motion, plus ``COLLISION_COST_S`` or more
-                for a
-            collision on the way (of the arm also at the end), plus ``TILT_COST_S_RAD`` for each radian of excess tilt.
+            Joint positions (N, K, J), and costs (N, K) in seconds: the duration of the motion, plus
+            ``COLLISION_COST_S`` or more for a collision on the way (of the arm also at the end), plus
+            ``TILT_COST_S_RAD`` for each radian of excess tilt.
             The cost is infinite if no solution was found.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
         pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
         joints = self.joint_positions.shape[-1]
-        starts = self.joint_positions[:, None, None] + _start_offsets(joints)
+        starts = self.joint_positions[:, None, None] + self._chain.units * _start_offsets(joints)
         starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
         pos, q = (np.repeat(part.reshape(worlds * poses, -1), IK_STARTS, axis=0) for part in (pos, q))
         solution = kinematics.solve(self._chain, pos, q, starts)
@@ -130,14 +132,14 @@ class MotionPlanner:
         return angles[:, :, 0], cost[:, :, 0]
 
     def _swing_cost_s(self, joint_positions: FloatArray, tilt_rad: float) -> FloatArray:
-        """Duration of motions to angles (N, M, J), plus the cost of tool tilt, (N, M)."""
+        """Duration of motions to joint positions (N, M, J), plus the cost of tool tilt, (N, M)."""
         way = joint_positions - self.joint_positions[:, None]
         tilt = [self._tilt_rad(self.joint_positions[:, None] + share * way) for share in PATH_FRACTIONS]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return CONTROL_STEP_S * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
 
     def _collision_cost_s(self, joint_positions: FloatArray) -> FloatArray:
-        """Cost of small distances on the way to angles (N, M, J), shape (N, M)."""
+        """Cost of small distances on the way to joint positions (N, M, J), shape (N, M)."""
         way = joint_positions - self.joint_positions[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PATH_FRACTIONS:
@@ -146,24 +148,28 @@ class MotionPlanner:
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
-        """Angle (N, M) between the tool's z axis and the vertical at joint angles (N, M, J)."""
+        """Angle (N, M) between the tool's z axis and the vertical at joint positions (N, M, J)."""
         _, q = kinematics.forward(self._chain, joint_positions.reshape(-1, joint_positions.shape[-1]))
         z_w = transforms.rotate(
             self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*joint_positions.shape[:2], 3)
         )
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
-    def angles_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
-        """Joint angles (N, J) for a tool pose, by inverse kinematics that starts at ``near``."""
+    def joint_positions_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
+        """Joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near``."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.solve(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
 
     def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tool positions (N, 3) and rotations (N, 4) at joint angles (N, J); world frame."""
+        """Tool positions (N, 3) and rotations (N, 4) at joint positions (N, J); world frame."""
         return transforms.compose(*self._base_w, *kinematics.forward(self._chain, joint_positions))
 
+    def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
+        """Largest difference (N,) of a joint from joint positions (N, J), in the chain's units."""
+        return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
+
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
-        """Add whole turns to angles (N, M, J) to come as near to the present ones as the joint ranges allow."""
+        """Add whole turns to joint positions (N, M, J) to come as near to the present ones as the ranges allow."""
         turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
         turned = joint_positions + 2.0 * np.pi * turns
         inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
@@ -171,9 +177,9 @@ class MotionPlanner:
 
     def _update(self) -> None:
         """Continue from the present servo targets."""
-        self._set_angles(self._simulation.joint_targets())
+        self._set_positions(self._simulation.joint_targets())
 
-    def _set_angles(self, joint_positions: FloatArray) -> None:
+    def _set_positions(self, joint_positions: FloatArray) -> None:
         self.joint_positions = joint_positions
         self.pos_w, self.q_w = self.pose(joint_positions)
 
@@ -182,13 +188,13 @@ class MotionPlanner:
 
 
 def _start_offsets(joints: int) -> FloatArray:
-    """Start poses of the inverse kinematics as offsets in radians, (``IK_STARTS``, J)."""
+    """Start poses of the inverse kinematics as offsets in the chain's units, (``IK_STARTS``, J)."""
     others = random_streams.planner_starts().uniform(-IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints))
     return np.concatenate([np.zeros((1, joints)), others])
 
 
 def _cheapest(cost: FloatArray, joint_positions: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` lowest costs of (N, K, R) and their angles (N, K, R, J), in ascending order."""
+    """The ``count`` lowest costs of (N, K, R) and their joint positions (N, K, R, J), in ascending order."""
     best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
     return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(
         joint_positions, best[..., None], axis=2

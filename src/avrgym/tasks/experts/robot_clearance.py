@@ -146,4 +146,5 @@ def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
         tip_q=transforms.IDENTITY_QUATERNION,
         lower=chain.lower[:count],
         upper=chain.upper[:count],
+        slides=frozenset(joint for joint in chain.slides if joint < count),
     )

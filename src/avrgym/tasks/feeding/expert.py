@@ -45,7 +45,7 @@ class FeedingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= np.abs(planner.joint_positions - self._before).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
         there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
@@ -64,7 +64,7 @@ class FeedingExpert:
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
-        before, seconds = self._planner.find_angles(
+        before, seconds = self._planner.find_joint_positions(
             pos_w - STANDOFF_M * face_direction(state)[:, None], q_w, MAX_TILT_RAD
         )
         cost = seconds + PIECE_COST_S * in_doubt + FAILURE_COST_S * failed

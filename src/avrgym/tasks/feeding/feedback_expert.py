@@ -51,7 +51,9 @@ def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> 
     for turn in YAWS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
-        reached_w, reached_q_w = planner.pose(planner.angles_at(goal_w, q_w, planner.joint_positions))
+        reached_w, reached_q_w = planner.pose(
+            planner.joint_positions_at(goal_w, q_w, planner.joint_positions)
+        )
         missed_m = norm(reached_w - goal_w) + ERROR_COST_M_RAD * angle_between(reached_q_w, q_w)
         costs_m.append(missed_m + YAW_COST_M_RAD * abs(turn))
         goals_w.append(goal_w)

@@ -76,7 +76,7 @@ class ScratchItchExpert:
         self._steps += 1
         goal = np.where(self._detour[:, None], self._detour_positions, self._before)
         swing = planner.joint_step(goal, SWING_SPEED_M_S, np.pi)
-        there = np.abs(planner.joint_positions - goal).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        there = planner.distance_rad(goal) < ARRIVAL_TOLERANCE_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
@@ -111,11 +111,11 @@ class ScratchItchExpert:
         here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD)[:, None], into.shape)
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
         tip_w = tip(itch_pos_w(state, task_state)[:, None], out[:, None], into)
-        angles, cost_s = self._planner.find_angles(tip_w, q_w)
+        angles, cost_s = self._planner.find_joint_positions(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + TILT_COST_S_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
         angles = angles[world, best]
-        before = self._planner.angles_at(tip_w - STANDOFF_M * into, q_w, angles)
+        before = self._planner.joint_positions_at(tip_w - STANDOFF_M * into, q_w, angles)
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
@@ -130,7 +130,7 @@ def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
     place_w = np.repeat((wrist_w + DETOUR_OFFSET_M)[:, None], q_w.shape[1], axis=1)
-    angles, cost_s = planner.find_angles(place_w, q_w)
+    angles, cost_s = planner.find_joint_positions(place_w, q_w)
     world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
     return angles[world, best], cost_s[world, best]
 
