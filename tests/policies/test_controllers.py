@@ -24,7 +24,6 @@ from avrgym.replay.verification import verify
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
-from avrgym.tasks.registry import sizes
 from avrgym.vr.live_world import drivers
 from avrgym.vr.protocol.messages import TICK_S, Problem
 from avrgym.vr.session import events
@@ -376,21 +375,6 @@ def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(tmp_path)
     one, same = (evaluate(ENVIRONMENT, "mine:Reach", "original", 2, 0) for _ in range(2))
     assert one == same
-
-
-def test_the_page_lists_sizes_of_observations() -> None:
-    page = (ROOT / "docs" / "how_to" / "add_a_controller.md").read_text()
-    rows = [
-        [cell.strip() for cell in line.split("|")[2:4]]
-        for line in page.splitlines()
-        if "quaternion 4" in line
-    ]
-    said = [
-        (int(size), [int(entry.split()[-1]) for entry in order.split(", ") if entry[-1].isdigit()])
-        for size, order in rows
-    ]
-    for (size, entries), task in zip(said, ("Feeding", "ScratchItch", "BedBathing"), strict=True):
-        assert sum(entries) == size == sizes(f"avrgym/{task}Jaco-v1")[0]
 
 
 @pytest.mark.slow
