@@ -14,10 +14,9 @@ from statistics import mean
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.registry import find_environment
 from figures_file import add, chosen, read
-from papers_results import VIRTUAL_REALITY, row, short
+from papers_results import ENVIRONMENTS, VIRTUAL_REALITY, row, short
 
 SEEDS = (1, 2, 3)
 PEOPLE = ("original", "revised")

@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
-from avrgym.tasks.constants import ENVIRONMENTS
 from figures_file import add, chosen, read, success
-from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
+from papers_results import ENVIRONMENTS, SIMULATION, VIRTUAL_REALITY, Reached, row, short
 
 PEOPLE = ("original", "revised")
 TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 100

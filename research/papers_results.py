@@ -22,6 +22,7 @@ SIMULATION = {
     "avrgym/BedBathingPR2-v1": Reached(13, 85),
 }
 """Its Original policies in its own simulation (section VII)."""
+ENVIRONMENTS = tuple(SIMULATION)
 VIRTUAL_REALITY = {
     "original": {
         "avrgym/FeedingJaco-v1": Reached(63, 37),

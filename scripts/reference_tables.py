@@ -71,10 +71,11 @@ def observations() -> Lines:
     """The parts of each task's observation, in order, with their sizes."""
     rows = []
     for name, task in TASKS.items():
-        found = task.observation(task.scene(ROBOTS["Jaco"]))
+        robot = next(robot for of, robot in ENVIRONMENTS.values() if of == name)
+        found = task.observation(task.scene(ROBOTS[robot]))
         parts = ", ".join(f"`{entry.name}` ({entry.size})" for entry in found.entries)
         rows.append((name, str(found.size), parts))
-    return table(("task", "numbers with the Jaco", "parts in order"), rows)
+    return table(("task", "numbers with its first robot", "parts in order"), rows)
 
 
 def body_regions() -> Lines:
@@ -134,11 +135,12 @@ def policy_training() -> Lines:
     """What each packaged policy reaches on its training population, next to the paper, and how it was trained."""
     rows = []
     for environment, kind, policy in _packaged():
-        metadata, paper = policy.metadata, SIMULATION[environment]
+        metadata, paper = policy.metadata, SIMULATION.get(environment)
         success, reward = metadata.measured["success_rate"], metadata.measured["reward_mean"]
         hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
         training = f"{policy.action_std:.2g}", f"{metadata.steps / 1e6:.2f} M", hours
-        results = f"{100 * success:.1f} %", f"{paper.success} %", f"{reward:.0f}", str(paper.reward)
+        reached = ("–", "–") if paper is None else (f"{paper.success} %", str(paper.reward))
+        results = f"{100 * success:.1f} %", reached[0], f"{reward:.0f}", reached[1]
         rows.append((short(environment), kind, *results, *training))
     head = "success", "success, paper", "reward", "reward, paper", "noise", "steps", "hours"
     return table(("environment", "policy", *head), rows)

@@ -13,7 +13,7 @@ import numpy as np
 
 from avrgym.models import human
 from avrgym.models.collision_bits import COLLISION_GROUP
-from avrgym.policies.trained import load_policy
+from avrgym.policies.trained import load_policy, packaged_policies
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.constants import ENVIRONMENTS
@@ -26,8 +26,9 @@ SEED = 7
 
 
 def main() -> None:
-    """Write the file."""
-    scenes = [scene for environment in ENVIRONMENTS for scene in scenes_of(environment)]
+    """Write the file, of the environments with a revised policy."""
+    chosen = [environment for environment in ENVIRONMENTS if "revised" in packaged_policies(environment)]
+    scenes = [scene for environment in chosen for scene in scenes_of(environment)]
     SCENES.write_text(json.dumps(scenes, separators=(",", ":")) + "\n")
 
 

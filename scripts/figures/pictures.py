@@ -11,14 +11,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from playwright.sync_api import Page, sync_playwright
 
-from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
+from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import find_environment
+from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
@@ -28,7 +29,8 @@ from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.real_time_loop import Received, Send
 
 MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
-"""By task, the seed of an episode and the control step at which it shows."""
+"""By task, the seed of an episode and the control step at which it shows; ``MOMENT`` for others."""
+MOMENT = (3, 11)
 SIZE_PX = {"width": 900, "height": 600}
 PATIENCE_MS = 600_000
 QUALITY = 82
@@ -60,6 +62,19 @@ BYSTANDERS = {
     ("ScratchItch", "PR2"): beside((0.35, -2.25, 1.55), (-0.30, -0.15, 0.82)),
     ("BedBathing", "PR2"): beside((0.75, -2.15, 1.85), (-0.30, -0.15, 0.80)),
 }
+
+
+def bystander(task: str, robot: str) -> Camera:
+    """The view of a bystander; by default that of the task."""
+    if (task, robot) in BYSTANDERS:
+        return BYSTANDERS[task, robot]
+    views, on_floor = TASKS[task].views, TASKS[task].scene(ROBOTS[robot]).mount.on_floor
+    at, distance_m, azimuth_deg, elevation_deg = views.on_floor if on_floor else views.mounted
+    around, up = np.radians([azimuth_deg, elevation_deg])
+    ahead = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    return Camera(_numbers(at - distance_m * ahead), _numbers(at), [0.0, 0.0, 1.0], 42.0, inside=False)
+
+
 OWN_CAMERA = """
 window.__THREE_DEVTOOLS__ = new EventTarget();
 window.__THREE_DEVTOOLS__.addEventListener("observe", ({ detail: renderer }) => {
@@ -98,7 +113,7 @@ class Moment:
     def __init__(self, environment_id: str, send: Send) -> None:
         self._send = send
         self._episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
-        seed, steps = MOMENTS[self._episodes.task.name]
+        seed, steps = MOMENTS.get(self._episodes.task.name, MOMENT)
         self._episodes.reset(np.array([0]), [np.random.default_rng(seed)])
         act = self._episodes.task.expert(self._episodes)
         for _ in range(steps):
@@ -139,8 +154,8 @@ class Moment:
         return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
 
 
-def _numbers(vector: FloatArray) -> list[float]:
-    return np.asarray(vector).tolist()
+def _numbers(vector: ArrayLike) -> list[float]:
+    return np.asarray(vector, float).tolist()
 
 
 def take(page: Page, camera: Camera, file: Path) -> None:
@@ -166,7 +181,7 @@ def main() -> None:
                 page = chromium.new_page(viewport=SIZE_PX)  # type: ignore[arg-type]
                 page.add_init_script(OWN_CAMERA)
                 page.goto(server.url, timeout=PATIENCE_MS)
-                take(page, BYSTANDERS[task, robot], folder / f"{stem}.jpg")
+                take(page, bystander(task, robot), folder / f"{stem}.jpg")
                 take(page, server.session.glance(), folder / f"{stem}_inside.jpg")
                 page.close()
         chromium.close()
