@@ -193,7 +193,7 @@ def test_arguments_are_told_what_is_allowed(how, message):
 
 def test_an_unknown_keyword_is_named():
     for make in (gym.make, gym.make_vec):
-        with pytest.raises(TypeError, match="unexpected keyword argument 'peeple'"):
+        with pytest.raises(ValueError, match="unknown setting peeple"):
             make(FEEDING, peeple="original")
 
 

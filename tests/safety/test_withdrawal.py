@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.safety.retreat import SPEED_M_S
-from avrgym.safety.withdrawal import MOUTH_DISTANCE_M, SETTLING_STEPS
+from avrgym.safety.withdrawal import MOUTH_DISTANCE_M, SETTLING_TIME_S
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
@@ -69,7 +69,7 @@ def assert_withdraws(environment: str, policy: str) -> None:
     settled_steps = np.argmax(driven, axis=0) - np.argmax(success, axis=0)
     over = driven.sum(axis=0) > WITHDRAWN_STEPS
     assert over.any()
-    assert (settled_steps[over] > SETTLING_STEPS).all()
+    assert (settled_steps[over] > 10 * SETTLING_TIME_S).all()
     slowed = np.zeros_like(driven)
     slowed[BRAKED_STEPS:] = driven[:-BRAKED_STEPS]
     for step, withdrawing, steady in zip(found.steps, found.driven, slowed, strict=True):

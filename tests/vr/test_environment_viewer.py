@@ -103,7 +103,7 @@ def test_episode_follows_episode_with_other_people():
     assert watcher.words == "avrgym/FeedingJaco-v1, zero, episode 2: preparing"
     first, second = watcher.inbox(Scene)
     assert (first.url, second.url) == ("/scenes/0.glb", "/scenes/1.glb")
-    (_, one), (_, other) = watcher.viewing.scenes
+    (_, one, _), (_, other, _) = watcher.viewing.scenes
     assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
 
 

@@ -10,7 +10,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
 from avrgym.safety.force_guard import INTERVENTION_EVENT
-from avrgym.safety.withdrawal import SETTLING_STEPS, WITHDRAWAL, WITHDRAWAL_EVENT
+from avrgym.safety.withdrawal import SETTLING_TIME_S, WITHDRAWAL, WITHDRAWAL_EVENT
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
@@ -55,7 +55,7 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     first = next(number for number, step in enumerate(steps) if step.success)
     drivers = [step.driver for step in steps]
     begins = drivers.index(WITHDRAWAL)
-    assert begins > first + SETTLING_STEPS
+    assert begins > first + 10 * SETTLING_TIME_S
     assert set(drivers[:begins]) == {"revised"}
     assert set(drivers[begins:]) == {WITHDRAWAL}
     assert all(step.force_on_person_n == 0.0 for step in steps[begins + 20 :])

@@ -106,7 +106,7 @@ def test_the_next_scene_is_told_while_the_participant_answers(visit: Callable[..
     session.go_to("questionnaire")
     (upcoming,) = session.received(Upcoming)
     number = int(upcoming.url.removeprefix("/scenes/").removesuffix(".glb"))
-    environment, person = session.session.scenes[number]
+    environment, person, _ = session.session.scenes[number]
     assert environment == SCRATCHING
     assert person.torso_height_m == session.session.person.torso_height_m
     assert session.received(Scene)[-1].url != upcoming.url
@@ -460,7 +460,7 @@ def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]
     session = visit(environments=(FEEDING, SCRATCHING), seeds=range(4))
     session.send(Entered())
     attend(session)
-    assert [environment for environment, _ in session.session.scenes] == [FEEDING, FEEDING, SCRATCHING]
+    assert [environment for environment, *_ in session.session.scenes] == [FEEDING, FEEDING, SCRATCHING]
 
 
 def test_people_rest_as_their_task_finds_them() -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Impairment, Seed
+from avrgym.cli.options import PEOPLE, Impairment, SceneSettings, Seed
 from avrgym.cli.terminal import plain_errors, print_line
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
@@ -48,6 +48,7 @@ def export_scene(
     people: Annotated[str, typer.Option(help=f"Population of people: {PEOPLE}.")] = "revised",
     impairment: Impairment = "none",
     seed: Seed = 0,
+    settings: SceneSettings = None,
     usd: Annotated[bool, typer.Option("--usd", help="Also write it as USD.")] = False,
 ) -> None:
     """Write a scene at the start of an episode for MuJoCo and other programs.
@@ -59,12 +60,20 @@ def export_scene(
     from avrgym.envs.scene_files import MJB, MJCF, START, USD, check_new_folder, write_scene, write_usd
     from avrgym.system import random_streams
     from avrgym.tasks.episodes import Episodes
+    from avrgym.tasks.settings import parse_settings
 
     with plain_errors():
         if usd and find_spec("pxr") is None:
             raise ValueError("usd-core is missing; `pip install avrgym[usd]` brings what --usd needs")
         check_new_folder(out)
-        episodes = Episodes(env, 1, people=people, impairment=impairment, num_threads=1)
+        episodes = Episodes(
+            env,
+            1,
+            people=people,
+            impairment=impairment,
+            num_threads=1,
+            settings=parse_settings(settings or []),
+        )
         episodes.reset(np.array([0]), [random_streams.episode(seed)])
         write_scene(episodes, out)
         print_line(f"MJB       {out / MJB}: the physics model, without appearance")

@@ -12,10 +12,13 @@ import typer
 
 from avrgym.cli.options import (
     PEOPLE,
+    AllowOtherSettings,
     Cluster,
     Engine,
+    EpisodeSteps,
     ForceGuard,
     Impairment,
+    SceneSettings,
     Seed,
     WithdrawAfterSuccess,
     chosen_environments,
@@ -37,6 +40,7 @@ from avrgym.cli.terminal import (
 from avrgym.people.population_names import POPULATION_NAMES
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import THREADS
+from avrgym.tasks.constants import EPISODE_STEPS
 
 if TYPE_CHECKING:
     from avrgym.learning import training
@@ -44,6 +48,8 @@ if TYPE_CHECKING:
 
 OMITTED = (
     "force_regions",
+    "settings",
+    "steps",
     "plugin_differences",
     "trained_with_force_guard",
     "start_draws_mean",
@@ -69,6 +75,7 @@ NEW_TRAINING_OPTIONS = (
     "--num-envs",
     "--force-guard",
     "--withdraw-after-success",
+    "--set",
     *RECIPE_OF_OPTION,
 )
 """Options that a training keeps: ``--resume`` does not take them."""
@@ -164,6 +171,7 @@ def train(
     ] = False,
     force_guard: ForceGuard = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
+    settings: SceneSettings = None,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's hyperparameters, and exit."),
@@ -190,6 +198,7 @@ def train(
     from avrgym.people.populations import HUMAN_FILE
     from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
+    from avrgym.tasks.settings import parse_settings
 
     with plain_errors():
         find_environment(env)
@@ -209,6 +218,7 @@ def train(
             "--own-reward": own_reward,
             "--force-guard": force_guard,
             "--withdraw-after-success": withdraw_after_success,
+            "--set": bool(settings),
             "--num-envs": num_envs is not None,
             "--jobs": jobs is not None,
         }
@@ -226,6 +236,7 @@ def train(
                 "num_envs": num_envs,
                 "force_guard": force_guard,
                 "withdraw_after_success": withdraw_after_success,
+                "settings": parse_settings(settings or []),
                 "people": people,
                 "impairment": impairment,
                 "engine": engine,
@@ -274,7 +285,7 @@ def _configuration(
     from avrgym.learning.hyperparameters import PAPER as OF_PAPER
     from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
 
-    common = ("steps", "num_envs", "force_guard", "withdraw_after_success")
+    common = ("steps", "num_envs", "force_guard", "withdraw_after_success", "settings")
     names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
     given = {name: options[name] for name in names if options[name] is not None}
     if recipe == ADAPTIVE:
@@ -423,6 +434,9 @@ def evaluate(
     ] = False,
     force_guard: ForceGuard = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
+    settings: SceneSettings = None,
+    allow_other_settings: AllowOtherSettings = False,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
     engine: Engine = THREADS,
     regions: Annotated[
         bool, typer.Option("--regions", help="Show the forces by region of the body too.")
@@ -436,15 +450,15 @@ def evaluate(
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
     from avrgym.system.random_streams import split_of
-    from avrgym.tasks.constants import EPISODE_STEPS
     from avrgym.tasks.placement_check import excess_draws
+    from avrgym.tasks.settings import parse_settings
 
     with plain_errors():
         check_json(json_file)
         chosen = chosen_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
         groups = people or ([*POPULATION_NAMES] if cross_play else ["revised"])
-        steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
+        steps = len(chosen) * len(policies) * len(groups) * episodes * episode_steps
         with (
             on_cluster(cluster, jobs) as workers,
             progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar,
@@ -464,6 +478,9 @@ def evaluate(
                 force_guard=force_guard,
                 withdraw_after_success=withdraw_after_success,
                 engine=engine,
+                settings=parse_settings(settings or []),
+                allow_other_settings=allow_other_settings,
+                steps=episode_steps,
                 leave_out=print_skipped if all_environments else None,
             )
         rows = [asdict(each) for each in metrics]

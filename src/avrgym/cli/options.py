@@ -33,6 +33,19 @@ ForceGuard = Annotated[
         "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
     ),
 ]
+SceneSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="A setting of the environment, such as control_hz=20; repeatable. An unknown name lists them.",
+        metavar="NAME=VALUE",
+    ),
+]
+AllowOtherSettings = Annotated[
+    bool,
+    typer.Option("--allow-other-settings", help="Allow a policy that was trained with other settings."),
+]
+EpisodeSteps = Annotated[int, typer.Option(help="Control steps of an episode.", min=1)]
 Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
 Cluster = Annotated[
     str | None,

@@ -11,10 +11,20 @@ import typer
 
 from avrgym.cli.activity_log import logged
 from avrgym.cli.names import unlock
-from avrgym.cli.options import PEOPLE, ForceGuard, Impairment, Policy, Seed
+from avrgym.cli.options import (
+    PEOPLE,
+    AllowOtherSettings,
+    EpisodeSteps,
+    ForceGuard,
+    Impairment,
+    Policy,
+    SceneSettings,
+    Seed,
+)
 from avrgym.cli.terminal import plain_errors, print_line, warn
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
@@ -103,6 +113,8 @@ def serve(
             metavar="NAME=QUERY",
         ),
     ] = None,
+    settings: SceneSettings = None,
+    allow_other_settings: AllowOtherSettings = False,
 ) -> None:
     """Serve one participant's session to a headset.
 
@@ -136,6 +148,8 @@ def serve(
                 raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
             if choice != stream_choice(False, []):
                 raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
+            if settings or allow_other_settings:
+                raise ValueError(f"in a study [settings] in {study / 'study.toml'} says it, and no option")
             if language:
                 raise ValueError(
                     f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option"
@@ -157,6 +171,8 @@ def serve(
             language=language or "en",
             check=check,
             reach=reach,
+            settings=settings,
+            allow_other_settings=allow_other_settings,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             server.export_next_scene()
@@ -259,9 +275,12 @@ def _free_session(
     language: str,
     check: bool,
     reach: bool,
+    settings: list[str] | None,
+    allow_other_settings: bool,
 ) -> "Callable[[Send], Session]":
     """A function that creates a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
+    from avrgym.tasks.settings import parse_settings
     from avrgym.texts.interface_texts import read_texts
     from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
@@ -279,6 +298,8 @@ def _free_session(
         texts=texts,
         headset_check=HeadsetCheckPlan() if check else None,
         measure_reach=reach,
+        settings=parse_settings(settings or []),
+        allow_other_settings=allow_other_settings,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name
@@ -343,12 +364,16 @@ def view(
     ] = PORT,
     seed: Seed = 0,
     force_guard: ForceGuard = False,
+    settings: SceneSettings = None,
+    allow_other_settings: AllowOtherSettings = False,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
 ) -> None:
     """Show episodes of an environment in a browser.
 
     The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` it
     drives the robot.
     """
+    from avrgym.tasks.settings import parse_settings
     from avrgym.vr.server.environment_viewer import EnvironmentViewer
     from avrgym.vr.server.live_server import LiveServer
 
@@ -356,7 +381,16 @@ def view(
         plain_errors(),
         LiveServer(
             lambda send: EnvironmentViewer(
-                env, policy, people, seed, send, impairment, force_guard=force_guard
+                env,
+                policy,
+                people,
+                seed,
+                send,
+                impairment,
+                force_guard=force_guard,
+                settings=parse_settings(settings or []),
+                allow_other_settings=allow_other_settings,
+                steps=episode_steps,
             ),
             "127.0.0.1",
             port,

@@ -14,13 +14,14 @@ from pettingzoo import ParallelEnv
 
 from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Renderer
-from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
-from avrgym.envs.vector_conventions import plain_seed
+from avrgym.envs.single import check_render_mode, info_of, metadata_of, spaces_of
+from avrgym.envs.vector_conventions import check_length, plain_seed
 from avrgym.models.human import Person, as_person
 from avrgym.tasks.actions import checked_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import as_settings
 
 Action = Float32Array
 
@@ -46,8 +47,10 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         shared_reward: bool = True,
         force_guard: bool = False,
         render_mode: str | None = None,
+        max_episode_steps: int = EPISODE_STEPS,
+        **settings: Any,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment and force guard.
+        """See ``Episodes`` for people, person, impairment and force guard, ``Settings`` for the rest.
 
         The human's actions replace people's own movements. A person may be given as the mapping of their fields.
 
@@ -59,7 +62,8 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """
         check_render_mode(render_mode, environment_id)
         self.render_mode, self._shared_reward = render_mode, shared_reward
-        self.metadata = {**METADATA, "name": environment_id}
+        check_length(max_episode_steps)
+        self.max_episode_steps = max_episode_steps
         self.episodes = Episodes(
             environment_id,
             1,
@@ -69,7 +73,9 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             human_actions=True,
             num_threads=1,
             force_guard=force_guard,
+            settings=as_settings(settings),
         )
+        self.metadata = {**metadata_of(self.episodes), "name": environment_id}
         self.joints = self.episodes.offered_joints
         """The joints that the human's action moves, in its order."""
         self.possible_agents, self.agents = [ROBOT, HUMAN], []
@@ -94,7 +100,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """Start an episode. A seed gives that of ``gym.make``; without one the random stream continues."""
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
-        self.agents, self._steps_left = self.possible_agents[:], EPISODE_STEPS
+        self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
         self.episodes.reset(np.array([0]), [self._random])
         self.close()
         start = self.episodes.evaluate_state()
@@ -109,14 +115,16 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Take one control step of 0.1 s; for both agents the episode is truncated after 200.
+        """Take one control step; for both agents the episode is truncated after ``max_episode_steps``.
 
         Raises:
             ValueError: without an action of each agent, for another shape, or for numbers that are not finite.
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
         """
         if not self.agents:
-            raise ResetNeeded(f"no episode is running; call reset() to start one of {EPISODE_STEPS} steps")
+            raise ResetNeeded(
+                f"no episode is running; call reset() to start one of {self.max_episode_steps} steps"
+            )
         robot, human = self._checked(actions)
         self.episodes.command_people(human[None])
         step = self.episodes.step(robot[None])

@@ -19,8 +19,14 @@ from avrgym.tasks.actions import checked_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import as_settings
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
+
+
+def metadata_of(episodes: Episodes) -> dict[str, Any]:
+    """Returns Gymnasium's metadata of an environment, with its control rate."""
+    return {**METADATA, "render_fps": episodes.settings.control_hz}
 
 
 def spaces_of(episodes: Episodes) -> tuple[gym.Space[FloatArray], gym.Space[Float32Array]]:
@@ -53,8 +59,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         max_episode_steps: int = EPISODE_STEPS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        **settings: Any,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment, withdrawal and force guard.
+        """See ``Episodes`` for people, person, impairment, withdrawal and force guard, ``Settings`` for the rest.
 
         A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
@@ -74,7 +81,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             num_threads=1,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
+            settings=as_settings(settings),
         )
+        self.metadata = metadata_of(self.episodes)
         self.observation_space, self.action_space = spaces_of(self.episodes)
         self._steps_left = 0
 
@@ -90,7 +99,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return start.observation[0], info_of(start)
 
     def step(self, action: Float32Array) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """Take one control step of 0.1 s; the episode is truncated after ``max_episode_steps`` and never terminates.
+        """Take one control step; the episode is truncated after ``max_episode_steps`` and never terminates.
 
         Raises:
             ValueError: for an action of another shape than (J,), or with numbers that are not finite.

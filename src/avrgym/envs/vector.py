@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
-from avrgym.envs.single import METADATA, check_render_mode, spaces_of
+from avrgym.envs.single import check_render_mode, metadata_of, spaces_of
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import (
     RandomStreams,
@@ -32,6 +32,7 @@ from avrgym.tasks.actions import checked_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import as_settings
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -62,9 +63,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         engine: str = THREADS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        **settings: Any,
     ) -> None:
         """See ``Episodes`` for people, person, impairment, threads, engine, withdrawal and force guard.
 
+        ``Settings`` describes the other keyword arguments.
         A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
         Raises:
@@ -76,7 +79,6 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         check_count("num_envs", num_envs)
         check_length(max_episode_steps)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
-        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
@@ -90,7 +92,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             engine=engine,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
+            settings=as_settings(settings),
         )
+        self.metadata = {**metadata_of(self.episodes), "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -98,7 +102,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._steps = np.zeros(num_envs, dtype=int)
         self._ended: BoolArray = np.zeros(num_envs, dtype=bool)
         self._random = RandomStreams(num_envs)
-        self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
+        self._worlds = [World(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy continues to the same bits and renders with its own cameras."""

@@ -15,6 +15,7 @@ from avrgym.people.populations import is_trained, transferred_people
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_atomically
 from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.tasks.settings import DEFAULTS, Settings
 
 CONFIGURATION_FILE = "configuration.json"
 RECURRENT_FILE = "adaptive.json"
@@ -51,7 +52,7 @@ class TrainingConfiguration:
     """Settings that all recipes share; ``steps`` are environment steps, rounded up to whole updates.
 
     ``threads`` step the worlds, 0 for one on each core. With ``force_guard`` the policy is trained behind the force
-    guard. ``withdraw_after_success`` is as in ``Episodes``.
+    guard. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
     """
 
     environment: str
@@ -62,6 +63,7 @@ class TrainingConfiguration:
     threads: int = 0
     force_guard: bool = False
     withdraw_after_success: bool = False
+    settings: Settings = DEFAULTS
 
     @property
     def update_steps(self) -> int:

@@ -10,8 +10,9 @@ from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.random_streams import TEST, Split
-from avrgym.tasks.constants import ENVIRONMENTS, expected_errors
+from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS, expected_errors
 from avrgym.tasks.registry import find_environment
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ def cross_play(
     force_guard: bool = False,
     withdraw_after_success: bool = False,
     engine: str = THREADS,
+    settings: Settings = DEFAULTS,
+    allow_other_settings: bool = False,
+    steps: int = EPISODE_STEPS,
     leave_out: ReportOmitted | None = None,
 ) -> list[Evaluation]:
     """A row for each population, policy and environment; arguments as in ``evaluate_all``.
@@ -54,7 +58,12 @@ def cross_play(
     check_engine(engine)
     for environment_id in environment_ids:
         find_environment(environment_id)
-    find_policy = partial(registry.find, allow_other_environment=allow_other_environment)
+    find_policy = partial(
+        registry.find,
+        settings=settings,
+        allow_other_environment=allow_other_environment,
+        allow_other_settings=allow_other_settings,
+    )
     with_people = {
         population: _environments_with(environment_ids, population, environment_populations, leave_out)
         for population in people
@@ -80,6 +89,9 @@ def cross_play(
                 force_guard=force_guard,
                 withdraw_after_success=withdraw_after_success,
                 engine=engine,
+                settings=settings,
+                allow_other_settings=allow_other_settings,
+                steps=steps,
             )
             chosen = [
                 each

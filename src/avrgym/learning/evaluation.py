@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import find_environment
+from avrgym.tasks.settings import DEFAULTS, Settings
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -55,6 +56,7 @@ class Evaluation:
     ``guard_interventions`` is the mean number per episode, ``None`` without the force guard. ``plugin_differences``
     lists plug-ins that changed since the policy's training. A start is drawn again until everything has room:
     ``start_draws_mean`` and ``start_draws_max`` are draws per episode, ``starts_refused`` counts refused draws.
+    ``settings`` are the changed ones, ``steps`` the control steps of an episode.
     """
 
     env: str
@@ -73,6 +75,8 @@ class Evaluation:
     engine: str
     device: str
     force_regions: dict[str, RegionStatistics]
+    settings: dict[str, Any]
+    steps: int
     plugin_differences: list[str]
     trained_with_force_guard: bool
     start_draws_mean: float
@@ -96,6 +100,9 @@ class _Batch:
     allow_other_environment: bool
     force_guard: bool
     withdraw_after_success: bool
+    settings: Settings
+    allow_other_settings: bool
+    steps: int
 
 
 def evaluate(
@@ -110,6 +117,7 @@ def evaluate(
     split: Split = TEST,
     force_guard: bool = False,
     engine: str = THREADS,
+    settings: Settings = DEFAULTS,
 ) -> Evaluation:
     """Evaluate in one environment and this process; see ``evaluate_all``."""
     (row,) = evaluate_all(
@@ -124,6 +132,7 @@ def evaluate(
         jobs=1,
         force_guard=force_guard,
         engine=engine,
+        settings=settings,
     )
     return row
 
@@ -144,8 +153,11 @@ def evaluate_all(
     force_guard: bool = False,
     withdraw_after_success: bool = False,
     engine: str = THREADS,
+    settings: Settings = DEFAULTS,
+    allow_other_settings: bool = False,
+    steps: int = EPISODE_STEPS,
 ) -> list[Evaluation]:
-    """Evaluate a policy in each environment, with episodes of 200 steps.
+    """Evaluate a policy in each environment.
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
@@ -164,6 +176,9 @@ def evaluate_all(
         force_guard: whether the force guard limits contact force and approach speed.
         withdraw_after_success: as in ``Episodes``.
         engine: where physics runs; published results are from threads.
+        settings: of the environments.
+        allow_other_settings: whether to allow a policy that was trained with other settings.
+        steps: control steps of an episode.
 
     Raises:
         ValueError: for an unknown name, a policy that does not fit or fewer than one episode, with the allowed values.
@@ -174,7 +189,15 @@ def evaluate_all(
     found: list[registry.RobotPolicy] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
-        found.append(registry.find(policy, environment_id, allow_other_environment=allow_other_environment))
+        found.append(
+            registry.find(
+                policy,
+                environment_id,
+                settings,
+                allow_other_environment=allow_other_environment,
+                allow_other_settings=allow_other_settings,
+            )
+        )
     check_engine(engine)
     total = len(environment_ids) * episodes
     available = cores() if cluster is None else cluster.count
@@ -196,6 +219,9 @@ def evaluate_all(
             force_guard=force_guard,
             withdraw_after_success=withdraw_after_success,
             engine=engine,
+            settings=settings,
+            allow_other_settings=allow_other_settings,
+            steps=steps,
         )
         for environment_id in environment_ids
         for numbers in parts
@@ -245,6 +271,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         engine=batch.engine,
         withdraw_after_success=batch.withdraw_after_success,
         force_guard=batch.force_guard,
+        settings=batch.settings,
     )
     generators = evaluation_episodes(batch.split, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
@@ -274,6 +301,8 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
         force_regions=region_statistics(loads),
+        settings=batch.settings.changed,
+        steps=batch.steps,
         plugin_differences=registry.changed_since_training(policy, batch.environment_id),
         trained_with_force_guard=isinstance(policy, Policy) and policy.metadata.force_guard,
         start_draws_mean=float(draws.mean()),
@@ -299,18 +328,23 @@ def _run(
 ) -> Results:
     """Run one batch of episodes."""
     count = len(generators)
-    allowed = batch.allow_other_environment
-    found = registry.find(batch.policy.local_path(), world.environment_id, allow_other_environment=allowed)
+    found = registry.find(
+        batch.policy.local_path(),
+        world.environment_id,
+        batch.settings,
+        allow_other_environment=batch.allow_other_environment,
+        allow_other_settings=batch.allow_other_settings,
+    )
     observation = world.reset(np.arange(count), generators)
     draws = world.start_draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
     with registry.running(found, world, generators) as act:
-        for _ in range(EPISODE_STEPS):
+        for _ in range(batch.steps):
             step = world.step(act(observation).astype(float), recorder)
             observation, success = step.observation, step.success
             reward += step.reward
-            force += step.force_on_person_n / EPISODE_STEPS
+            force += step.force_on_person_n / batch.steps
             progress(count)
     guard = world.loop.guard
     interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions

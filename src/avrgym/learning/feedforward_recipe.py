@@ -111,6 +111,7 @@ class FeedforwardRecipe:
                 engine,
                 configuration.force_guard,
                 configuration.withdraw_after_success,
+                configuration.settings,
             )
             for engine in (THREADS, configuration.engine)
         }

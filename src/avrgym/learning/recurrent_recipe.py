@@ -64,7 +64,7 @@ def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
 def _find_teacher(configuration: RecurrentConfiguration) -> Policy | None:
     if configuration.teacher is None:
         return None
-    teacher = registry.find(configuration.teacher, configuration.environment)
+    teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
     if not isinstance(teacher, Policy):
         raise ValueError(
             f"{configuration.teacher!r} cannot be a teacher; allowed: a trained policy, by its name or file"
@@ -79,7 +79,7 @@ def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
         raise ValueError(
             "a training with an initial policy does not imitate: leave out the teacher, or set the imitation share"
         )
-    initial = registry.find(configuration.initial, configuration.environment)
+    initial = registry.find(configuration.initial, configuration.environment, configuration.settings)
     if not isinstance(initial, Policy) or initial.memory is None:
         raise ValueError(
             f"{configuration.initial!r} cannot be an initial policy; allowed: a recurrent policy, by its name or file"
@@ -95,7 +95,7 @@ class RecurrentRecipe:
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
         observation_size, action_size = sizes(configuration.environment)
-        _, scene = task_and_scene(configuration.environment)
+        _, scene = task_and_scene(configuration.environment, configuration.settings)
         self._tool_motion = ToolMotion(scene)
         self._normaliser = Normaliser(observation_of(configuration.environment), RECURRENT.gamma)
         torch.set_num_threads(1)  # more would change the order of sums
@@ -232,6 +232,7 @@ class RecurrentRecipe:
             configuration.threads,
             force_guard=configuration.force_guard,
             withdraw_after_success=configuration.withdraw_after_success,
+            changes=configuration.settings,
         )
 
     def _episode_seeds(self, number: int) -> NDArray[np.int64]:

@@ -26,6 +26,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import Controller
 
 
@@ -43,6 +44,7 @@ class WorldSettings:
     engine: str = THREADS
     force_guard: bool = False
     withdraw_after_success: bool = False
+    changes: Settings = DEFAULTS
 
 
 @dataclass(frozen=True)
@@ -294,4 +296,5 @@ def worlds_of(
         human_actions=human_actions,
         by_region=by_region,
         force_guard=settings.force_guard,
+        settings=settings.changes,
     )

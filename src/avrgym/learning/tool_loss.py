@@ -14,7 +14,7 @@ from torch import Tensor
 
 from avrgym.array_types import Float32Array
 from avrgym.geometry.kinematics import jacobian
-from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
+from avrgym.models.scene import SceneConfig
 from avrgym.tasks.placement import arm_chain
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
@@ -31,7 +31,7 @@ class ToolMotion:
 
     def __init__(self, scene: SceneConfig) -> None:
         self._chain = arm_chain(scene)
-        self._reach = scene.arm.speed_limit * CONTROL_STEP_S
+        self._reach = scene.arm.speed_limit * scene.control_step_s
 
     def per_action(self, joint_positions: Float32Array) -> Tensor:
         """The tool's motion in a control step (..., 6, J) for action 1 of each joint of arms at angles (..., J).

@@ -45,7 +45,7 @@ from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.registry import find_environment, plugins_of, sizes
+from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
 from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
 
 def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
     """Refuse a training that cannot run, before anything is written."""
-    find_environment(configuration.environment)
+    task_and_scene(configuration.environment, configuration.settings)
     environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
     if isinstance(configuration, RecurrentConfiguration):
@@ -293,6 +293,7 @@ class _Trainer:
             curve=self._curve,
             plugins=plugins_of(configuration.environment),
             force_guard=configuration.force_guard,
+            settings=configuration.settings.changed,
         )
         return [
             with_metadata(policy, curve=downsampled(policy.metadata.curve))
@@ -336,6 +337,7 @@ class _Trainer:
             impairment=impairment,
             split=VALIDATION,
             force_guard=configuration.force_guard,
+            settings=configuration.settings,
         )
         names = [*STORED_RESULTS, "guard_interventions"] if configuration.force_guard else STORED_RESULTS
         return {name: getattr(row, name) for name in names}

@@ -15,6 +15,7 @@ from avrgym.models.tools import Particles, Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
 CONTROL_STEP_S = 0.1
+"""Duration of a control step by default, and of the steps in which people move by themselves."""
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 FLUID_TOLERANCE = 1e-3
 """Solver tolerance for 64 water particles. With it, conjugate gradients, and no islands or geom trees, a physics step
@@ -26,6 +27,7 @@ class SceneConfig:
     """Content of a scene: furniture, posture, and a robot on its mount with a tool.
 
     The furniture includes the mount's carrier. ``movable`` are furniture bodies that each episode places again.
+    ``control_step_s`` is the duration of a control step.
     """
 
     furniture: Sequence[Furniture]
@@ -35,6 +37,12 @@ class SceneConfig:
     arm: Arm
     tool: Tool
     mount: Mount
+    control_step_s: float = CONTROL_STEP_S
+
+    @property
+    def substeps(self) -> int:
+        """Number of physics steps in a control step."""
+        return round(self.control_step_s / PHYSICS_STEP_S)
 
 
 def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:

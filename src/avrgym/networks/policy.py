@@ -60,7 +60,8 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ``steps`` are environment steps, ``seconds`` the duration of the training. ``measured`` contains results such as
     ``success_rate``. ``curve`` has points of environment steps, mean reward and success rate of the latest episodes.
     ``human`` is set for a trained human. ``plugins`` are the versions of task and robot, if other packages register
-    them; old files do not contain them. ``force_guard``: the policy was trained behind the force guard.
+    them; old files do not contain them. ``force_guard``: the policy was trained behind the force guard. ``settings``
+    are the changed ones of ``tasks.settings.Settings``.
     """
 
     environment: str
@@ -75,6 +76,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     human: HumanRole | None = None
     plugins: tuple[UsedPlugin, ...] = ()
     force_guard: bool = False
+    settings: dict[str, Any] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +190,7 @@ class Policy:
             raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
         version = FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
-        for name in ("human", "plugins", "force_guard"):
+        for name in ("human", "plugins", "force_guard", "settings"):
             if not header[name]:
                 del header[name]  # the files stay readable by versions without these fields
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}

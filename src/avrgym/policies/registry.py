@@ -19,6 +19,7 @@ from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import plugins_of, sizes
+from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
 
 ActionFunction = Callable[[FloatArray], FloatArray]
 
@@ -53,14 +54,23 @@ def skipped_plugins() -> list[str]:
     return [*records, *controllers.broken_controllers()]
 
 
-def find(name: str, environment_id: str, *, allow_other_environment: bool = False) -> RobotPolicy:
+def find(
+    name: str,
+    environment_id: str,
+    settings: Settings = DEFAULTS,
+    *,
+    allow_other_environment: bool = False,
+    allow_other_settings: bool = False,
+) -> RobotPolicy:
     """Load the policy of a name or path for an environment.
 
     Args:
         name: of a packaged policy, a script or a registered controller; the path of a ``.safetensors`` or ``.onnx``
             file; or ``module:attribute``.
         environment_id: such as ``avrgym/FeedingJaco-v1``.
+        settings: of the environment.
         allow_other_environment: whether to allow a policy that was trained for another environment.
+        allow_other_settings: whether to allow a policy that was trained with other settings.
 
     Raises:
         PolicyError: for an unknown name, with the allowed values; for a policy that cannot be loaded or does not fit.
@@ -71,13 +81,16 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
     if name in packaged_policies(environment_id) or Path(name).is_file():
         if name.endswith(ONNX_SUFFIX):
             return find_onnx(name, environment_id, observation_size, action_size)
-        return load_policy(
+        policy = load_policy(
             name,
             environment_id,
             observation_size,
             action_size,
             allow_other_environment=allow_other_environment,
         )
+        if not allow_other_settings:
+            _check_settings(policy, name, settings)
+        return policy
     if name in controllers.registered_controllers():
         return controllers.find_registered(name)
     if ":" in name:
@@ -90,9 +103,22 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
 
 
-def find_for_session(name: str, environment_id: str) -> AnyPolicy:
+def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
+    trained_with = as_settings(policy.metadata.settings)
+    if trained_with != settings:
+        raise PolicyError(
+            f"{name}: trained with {trained_with}, not with {settings}; allowed only with --allow-other-settings, in "
+            "study.toml with allow_other_settings = true"
+        )
+
+
+def find_for_session(
+    name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
+) -> AnyPolicy:
     """As ``find``, but with ``operator`` allowed: the experimenter can drive."""
-    return HumanOperator() if name == OPERATOR else find(name, environment_id)
+    if name == OPERATOR:
+        return HumanOperator()
+    return find(name, environment_id, settings, allow_other_settings=allow_other_settings)
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:

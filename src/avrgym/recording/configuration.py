@@ -13,6 +13,7 @@ from avrgym.questionnaires.questionnaire import Item
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording.schema import Pose
 from avrgym.system.used_plugins import UsedPlugin
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import EpisodeStart
 
 FORMAT_VERSION = 1
@@ -123,6 +124,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     )
     headset_check: HeadsetCheck | None = None
     consent: RecordedConsent | None = None
+    settings: Annotated[
+        Settings, Meta(description="Settings of the environment that differ from the defaults.")
+    ] = DEFAULTS
     furniture: RealFurniture
     reward_weights: dict[str, float]
     items: Annotated[tuple[Item, ...], Meta(description="The questions after the trial, in order.")]

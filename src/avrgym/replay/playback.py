@@ -237,7 +237,13 @@ def _episodes(configuration: Configuration, by_region: bool) -> Episodes:
     try:
         person = configuration.start_person
         episodes = Episodes(
-            configuration.environment, 1, person=person, moving=True, num_threads=1, by_region=by_region
+            configuration.environment,
+            1,
+            person=person,
+            moving=True,
+            num_threads=1,
+            by_region=by_region,
+            settings=configuration.settings,
         )
         episodes.reset_to_start(configuration.start)
     except KeyError as error:

@@ -10,6 +10,7 @@ from avrgym.questionnaires.questionnaire import Item
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
 from avrgym.replay.playback import ComparedState, Playback, phases, title
+from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
@@ -112,11 +113,14 @@ def render_recorded(recording: Recording) -> bytes:
     return export_scene(*recorded_scene(recording))
 
 
-def recorded_scene(recording: Recording) -> tuple[str, Person]:
-    """The environment of a recording, and the person in it at rest."""
-    environment = recording.configuration.environment
-    return environment, resting_person(
-        environment, Person(**msgspec.structs.asdict(recording.configuration.person))
+def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
+    """The environment of a recording, the person in it at rest, and the settings."""
+    configuration = recording.configuration
+    person = Person(**msgspec.structs.asdict(configuration.person))
+    return (
+        configuration.environment,
+        resting_person(configuration.environment, person),
+        configuration.settings,
     )
 
 

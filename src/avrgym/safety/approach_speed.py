@@ -6,7 +6,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.capsules import point_distance
 from avrgym.models import robot
 from avrgym.models.human import GEOMS
-from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.models.scene import TOOL
 from avrgym.safety.limits import BODY_REGIONS, REGION_OF_GEOM, max_impact_speed_m_s
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
@@ -50,7 +50,7 @@ class ApproachSpeedMonitor(PerWorldState):
         pad_w, segment_w = state.pad_pos_w, state.person_segment_w
         now_m = _axis_distance_m(pad_w, segment_w)
         gap_m = now_m - state.person_radius_m
-        limit_m = CONTROL_STEP_S * self.allowed_m_s[_REGIONS]
+        limit_m = self._simulation.scene.control_step_s * self.allowed_m_s[_REGIONS]
         person, both = (
             _near_closing_m(_axis_distance_m(before_w, self._segment_w) - now_m, gap_m) / limit_m
             for before_w in (pad_w, self._pad_w)

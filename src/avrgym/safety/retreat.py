@@ -60,6 +60,7 @@ class Retreat:
         clear_m: float = MOUTH_DISTANCE_M,
         free_m: float = PERSON_DISTANCE_M,
         steps: int = 0,
+        step_s: float = CONTROL_STEP_S,
     ) -> None:
         """Find the arm's links and the person. That takes milliseconds: do it before an episode.
 
@@ -68,7 +69,8 @@ class Retreat:
             world: the index of the world.
             clear_m: the distance between mouth and tool at which the retreat is complete.
             free_m: the distance of tool and hand from the person at which it is complete.
-            steps: number of control steps that it has taken before.
+            steps: number of steps that it has taken before.
+            step_s: duration of a step.
         """
         self._simulation, self._world = simulation, world
         self._clear_m, self._free_m = clear_m, free_m
@@ -83,15 +85,15 @@ class Retreat:
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
         self._tool = model.body(TOOL).id
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
-        self._steps = steps
+        self._steps, self._step_s = steps, step_s
 
     def action(self) -> FloatArray | None:
-        """Returns the action (J,) for the next control step; ``None`` when complete or after ``MAX_DURATION_S``."""
+        """Returns the action (J,) for the next step; ``None`` when complete or after ``MAX_DURATION_S``."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         near = self._near()
-        if self._steps * CONTROL_STEP_S >= MAX_DURATION_S or self._is_clear(near):
+        if self._steps * self._step_s >= MAX_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
         return self._speeds(self._desired_velocity_w(near), near) / self._simulation.scene.arm.speed_limit

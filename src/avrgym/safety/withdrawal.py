@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
 SETTLING_TIME_S = 0.5
 """Time without an event, such as a bite or a sip, from success to the beginning of the withdrawal."""
-SETTLING_STEPS = round(SETTLING_TIME_S / CONTROL_STEP_S)
 MOUTH_DISTANCE_M, PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
 WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
@@ -30,6 +28,7 @@ class Withdrawal(PerWorldState):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self._settling_steps = round(SETTLING_TIME_S / simulation.scene.control_step_s)
         count = simulation.num_worlds
         self._retreats: dict[int, Retreat] = {}
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
@@ -48,7 +47,7 @@ class Withdrawal(PerWorldState):
         """Update with success and number of events (N,) of a control step."""
         settled = success & (events == 0)
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
-        self.driving = self.driving | (self._settled_steps >= SETTLING_STEPS)
+        self.driving = self.driving | (self._settled_steps >= self._settling_steps)
         self._actions = None
 
     def override(self, commanded: FloatArray) -> FloatArray:
@@ -79,6 +78,7 @@ class Withdrawal(PerWorldState):
                 clear_m=MOUTH_DISTANCE_M,
                 free_m=PERSON_DISTANCE_M,
                 steps=int(self._moved_steps[world]),
+                step_s=self._simulation.scene.control_step_s,
             )
         return self._retreats[world]
 

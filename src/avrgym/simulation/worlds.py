@@ -205,14 +205,18 @@ class Simulation:
         self._now.act[:, at.arm_act] = self._now.qpos[:, at.arm_qpos]
         self._now.ctrl[:, at.arm_ctrl] = 0.0
 
-    def command_person(self, joint_targets_rad: FloatArray) -> None:
-        """Set the targets (N, 20) of a moving person's servos, for now or, gliding, for the end of a control step."""
-        at = self._at
+    def command_person(self, joint_targets_rad: FloatArray, which: BoolArray | None = None) -> None:
+        """Set the targets (N, 20) of a moving person's servos, for now or, gliding, for 0.1 s from now.
+
+        ``which`` (N,) limits the command to some worlds; not on a device.
+        """
+        at, command = self._at, joint_targets_rad
         if self._gliding:
-            way = joint_targets_rad - self._now.act[:, at.person_act]
-            self._now.ctrl[:, at.person_ctrl] = way / CONTROL_STEP_S
+            command = (joint_targets_rad - self._now.act[:, at.person_act]) / CONTROL_STEP_S
+        if which is None:
+            self._now.ctrl[:, at.person_ctrl] = command
         else:
-            self._now.ctrl[:, at.person_ctrl] = joint_targets_rad
+            self._now.ctrl[np.nonzero(which)[0][:, None], self._names.person_ctrl] = command[which]
 
     def step(self, substeps: int = SUBSTEPS) -> None:
         """Advance all worlds by physics steps; forces are from the last step, positions from its end."""

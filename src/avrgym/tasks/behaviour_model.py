@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from avrgym.array_types import FloatArray, IntArray
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models.human import People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
@@ -72,16 +74,21 @@ class BehaviourModel:
         self._state = replace(self._state, targets_rad=limit(targets))
 
     def step(
-        self, observe: Callable[[], PersonObservation], people: People, limit: JointLimiter
+        self,
+        observe: Callable[[], PersonObservation],
+        people: People,
+        limit: JointLimiter,
+        which: BoolArray | None = None,
     ) -> FloatArray:
-        """Take a control step; returns the joint targets (N, 20) at its end.
+        """Take a step of 0.1 s; returns the joint targets (N, 20) at its end.
 
-        Tremor changes its direction at every control step (reference).
+        Tremor changes its direction at every step (reference).
 
         Args:
             observe: returns what people observe; called only for people who react to it.
             people: their bodies.
             limit: limits joint angles to those that people can reach.
+            which: worlds (N,) that take the step; ``None`` for all. The targets of others have no meaning.
         """
         state = self._state
         if isinstance(state, PartnerState):
@@ -95,7 +102,12 @@ class BehaviourModel:
             if self._cooperating:
                 state = cooperation.update_targets(state, observe(), self._offered, self._posture)
                 targets = targets + cooperation.sway_rad(state)
-        self._state = state
+        if which is None:
+            self._state = state
+        else:
+            rows = np.nonzero(which)[0]
+            taken = type(state)(**{name: array[rows] for name, array in vars(state).items()})
+            self._state = replace_worlds(self._state, taken, rows)
         return limit(targets)
 
 

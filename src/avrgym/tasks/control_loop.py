@@ -67,10 +67,10 @@ class ActionSource(Protocol):
 
 
 class ControlLoop:
-    """Steps N worlds by control steps of 0.1 s: whole with ``step``, or in ticks of 10 ms with ``tick``.
+    """Steps N worlds by control steps: whole with ``step``, or in ticks of 10 ms with ``tick``.
 
     Two layers may replace commanded actions, in this order: ``withdrawal`` after success, then ``guard``. Without guard
-    and recorder, ``step`` runs all physics steps of a control step in one call.
+    and recorder, ``step`` runs all physics steps between two commands in one call.
     """
 
     def __init__(
@@ -98,6 +98,7 @@ class ControlLoop:
         self._commanded: Any = self._zeros
         self._executed: Any = self._zeros
         self._substep, self._was_held = 0, False
+        self._substeps = episodes.scene.substeps
         self._observation: FloatArray | None = None
         """Observations (N, O) of the present state, if a control step has just ended."""
         self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
@@ -155,9 +156,12 @@ class ControlLoop:
         self._commanded = self._episodes.checked(actions)
         self._execute(self.apply_withdrawal(self._commanded))
         if self.guard is None and recorder is None:
-            self._simulation.step()
+            for substep in range(0, self._substeps, SUBSTEPS):
+                self._command_people(substep)
+                self._simulation.step(min(SUBSTEPS, self._substeps))
             return self._finish()
-        for substep in range(SUBSTEPS):
+        for substep in range(self._substeps):
+            self._command_people(substep)
             if substep > 0:
                 self._change(None)
             self._simulation.step(1)
@@ -169,6 +173,11 @@ class ControlLoop:
         """Start a control step."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
         self._episodes.command(self._executed)
+
+    def _command_people(self, substep: int) -> None:
+        """Command people who act several times within a control step."""
+        if substep > 0 and substep % SUBSTEPS == 0:
+            self._episodes.command_people_by_themselves()
 
     def _change(self, actions: FloatArray | None) -> bool:
         """Change actions within a control step if the source or the guard does; returns whether they changed."""
@@ -192,7 +201,7 @@ class ControlLoop:
         return self.annotate(outcome, self._commanded)
 
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms; with a source, every tenth tick returns a finished control step.
+        """Advance by 10 ms; with a source, the last tick of a control step returns it.
 
         With ``hold``, the brakes hold the robots instead of the commanded actions; a guard that overrides still moves
         them. While the withdrawal drives all worlds, the source is not queried.
@@ -206,8 +215,9 @@ class ControlLoop:
         else:
             self._amend_ticks(source, hold)
         self._was_held = hold
+        self._command_people(self._substep)
         self._advance()
-        self._substep = (self._substep + 1) % SUBSTEPS
+        self._substep = (self._substep + 1) % self._substeps
         if self._substep:
             return None
         withdrawing, outcome = bool(self.withdrawing[0]), self._finish()

@@ -15,7 +15,6 @@ from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models import robot as robot_model
 from avrgym.models.human import People, Person
 from avrgym.people import cooperation
-from avrgym.robots.registry import find_robot
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartClearance
 from avrgym.simulation.worlds import Simulation, Start, State
@@ -24,7 +23,8 @@ from avrgym.tasks import world_people
 from avrgym.tasks.actions import DeviceActions, checked_actions
 from avrgym.tasks.control_loop import ControlLoop, Step
 from avrgym.tasks.human_view import HumanView
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import EpisodeStart, StepResult, TaskState, replace_worlds, state_arrays
 from avrgym.tasks.world_people import WorldPeople, reachable_rad
 
@@ -53,6 +53,7 @@ class Episodes:
         on_device: bool = False,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        settings: Settings = DEFAULTS,
     ) -> None:
         """Compile the scene.
 
@@ -73,6 +74,7 @@ class Episodes:
             withdraw_after_success: whether the robot withdraws its tool after success in tasks that end with success,
                 see ``safety.withdrawal``. Steps that the withdrawal drives have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
+            settings: changes of scene and control.
 
         Raises:
             ValueError: for unknown names, with the allowed ones, and for more worlds than memory allows.
@@ -84,7 +86,6 @@ class Episodes:
             raise ValueError(
                 f"force_guard reads forces on the host; allowed with {engine}: force_guard without on_device"
             )
-        task, robot = find_environment(environment_id)
         self._made_with = {
             "people": people,
             "person": person,
@@ -97,10 +98,11 @@ class Episodes:
             "on_device": on_device,
             "withdraw_after_success": withdraw_after_success,
             "force_guard": force_guard,
+            "settings": settings,
         }
         self.environment_id = environment_id
-        self.task = TASKS[task]
-        self.scene = self.task.scene(find_robot(robot))
+        self.settings = settings
+        self.task, self.scene = task_and_scene(environment_id, settings)
         self._people = WorldPeople(
             people,
             environment_id,
@@ -111,6 +113,12 @@ class Episodes:
             driven=moving,
             human_actions=human_actions,
         )
+        acts_each_step = self._people.move and (self._people.need_host or on_device)
+        if acts_each_step and settings.control_hz != DEFAULTS.control_hz:
+            raise ValueError(
+                "people with human actions or trained policies, and people on a device, act once a control step; "
+                f"allowed with them: control_hz={DEFAULTS.control_hz}"
+            )
         if on_device and self._people.need_host:
             raise ValueError(
                 "people with human actions or trained policies move on threads; "
@@ -276,7 +284,7 @@ class Episodes:
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step of 0.1 s with actions (N, J), see ``ControlLoop.step``.
+        """Take one control step with actions (N, J), see ``ControlLoop.step``.
 
         Raises:
             ValueError: for actions that ``checked`` rejects; nothing has moved then.
@@ -300,8 +308,12 @@ class Episodes:
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.observe_human()))
+        self.command_people_by_themselves()
+
+    def command_people_by_themselves(self) -> None:
+        """Command people who move by themselves with the targets of their next 0.1 s, where these begin."""
         if self._people.move:
-            self.simulation.command_person(self._people.step(self.simulation.state))
+            self.simulation.command_person(*self._people.step(self.simulation.state))
 
     def check(self) -> None:
         """Check the results so far on a device; call it once an episode.

@@ -4,6 +4,8 @@ Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
 
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
@@ -15,6 +17,7 @@ from avrgym.tasks.constants import environment_id
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import Task
 
 
@@ -97,14 +100,21 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
     return found if of_robot is None else (*found, used_entry("robot", robot, of_robot))
 
 
-def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:
-    """Task and scene of an environment.
+def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[Task, SceneConfig]:
+    """Task and scene of an environment with settings.
 
     Raises:
-        ValueError: for an unknown id, listing the ids.
+        ValueError: for an unknown id, listing the ids, and for settings that are not possible in this environment.
     """
     name, robot = find_environment(environment_id)
-    return TASKS[name], TASKS[name].scene(find_robot(robot))
+    task = TASKS[name]
+    return task, _scene_with(task.scene(find_robot(robot)), settings)
+
+
+@lru_cache(maxsize=64)
+def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
+    """The scene with settings; the same object for the same settings, because compiled models are cached by it."""
+    return scene if settings == DEFAULTS else replace(scene, control_step_s=settings.control_step_s)
 
 
 def sizes(environment_id: str) -> tuple[int, int]:

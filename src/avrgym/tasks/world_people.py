@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from avrgym.array_types import FloatArray, IntArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import choose_index, moved_to
 from avrgym.models.human import People, Person
-from avrgym.models.scene import SceneConfig
+from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
 from avrgym.networks.policy import PolicyError
 from avrgym.people import cooperation, distributions, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
@@ -115,6 +115,8 @@ class WorldPeople:
         )
         self.glide = self.move and (self._actions or are_partners)
         self._num_worlds = num_worlds
+        self._steps_per_target = max(1, round(CONTROL_STEP_S / scene.control_step_s))
+        self._steps = np.zeros(num_worlds, dtype=int)
 
     @property
     def need_host(self) -> bool:
@@ -161,6 +163,7 @@ class WorldPeople:
             people = replace_worlds(people, others, rows)
         self._set_people(replace_worlds(self.people, people, ids))
         self._behaviour.reset(ids, people, for_behaviour)
+        self._steps[ids] = 0
         if self.trained is not None:
             self.trained.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
         return people
@@ -192,9 +195,16 @@ class WorldPeople:
         joints = cooperation.OFFERED_JOINTS[self._task.offered]
         self._behaviour.move_targets(joints, action, self._limit)
 
-    def step(self, observe: Callable[[], PersonObservation]) -> FloatArray:
-        """Take a control step; returns the joint targets (N, 20) at its end."""
-        return self._behaviour.step(observe, self._device_people, self._limit)
+    def step(self, observe: Callable[[], PersonObservation]) -> tuple[FloatArray, BoolArray | None]:
+        """Returns the joint targets (N, 20) in 0.1 s, and in which worlds (N,) they are new; ``None`` for all.
+
+        Called in every control step, or every 0.1 s if control steps are longer.
+        """
+        if self._steps_per_target == 1:
+            return self._behaviour.step(observe, self._device_people, self._limit), None
+        due = self._steps % self._steps_per_target == 0
+        self._steps += 1
+        return self._behaviour.step(observe, self._device_people, self._limit, due), due
 
     def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
         return reachable_rad(self._device_people, joint_angles_rad)
@@ -205,12 +215,14 @@ class WorldPeople:
             "people": self.people,
             "behaviour": self._behaviour.saved(),
             "trained": None if self.trained is None else self.trained.saved(),
+            "steps": self._steps.copy(),
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Restores a state from ``saved``."""
         self._set_people(saved["people"])
         self._behaviour.restore(saved["behaviour"])
+        self._steps = saved["steps"].copy()
         if self.trained is not None:
             self.trained.restore(saved["trained"])
 

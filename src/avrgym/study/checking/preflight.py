@@ -20,7 +20,13 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
     Raises:
         PolicyError: when it is missing, damaged, or made for another environment.
     """
-    return find_for_session(store.policy_source(environment, policy), environment)
+    design = store.design
+    return find_for_session(
+        store.policy_source(environment, policy),
+        environment,
+        design.settings,
+        allow_other_settings=design.allow_other_settings,
+    )
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:

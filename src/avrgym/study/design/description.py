@@ -10,7 +10,7 @@ def describe_procedure(design: Design) -> str:
     goals = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
-        f"{goals} Each trial lasts {design.trial_steps / 10:g} s."
+        f"{goals} Each trial lasts {design.trial_steps / design.settings.control_hz:g} s."
     )
 
 

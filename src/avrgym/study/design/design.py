@@ -31,11 +31,12 @@ from avrgym.study.design.validation import (
 from avrgym.system import random_streams
 from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
-PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
+PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings")
 """Fields that must not change after the first allocation of a participant."""
 SITE_FIELDS = ("site", "database", "retention")
 """Fields that differ between the sites of a study."""
@@ -83,7 +84,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """The design of a whole study.
 
     ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the design is
-    written in the first. ``trial_steps``: control steps of 0.1 s. ``practice_policy``: empty for no practice trials.
+    written in the first. ``trial_steps``: control steps of a trial. ``practice_policy``: empty for no practice trials.
     ``goals``: instructions to participants by task; default: the sentence of the task. ``furniture``: the real seat and
     bed.
     ``max_held_share``: a trial is left out of the analysis if tracking was lost for a larger share of its time.
@@ -93,6 +94,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``streams``: exchange with other devices. ``headset_check``: sessions of people begin with a headset check.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
+    ``settings``: of all environments; ``allow_other_settings``: with policies that were trained with others.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -114,12 +116,14 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     headset_check: bool = False
     measure_reach: bool = False
     ask_functioning: bool = False
+    allow_other_settings: bool = False
     consent: Consent
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
     stop_rules: tuple[StopRule, ...] = ()
     goals: Mapping[str, Sentence] = {}
     furniture: RealFurniture = RealFurniture()
+    settings: Settings = DEFAULTS
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
@@ -149,9 +153,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
-        """The fields that orders and trials depend on, as JSON values."""
+        """The fields that orders and trials depend on, as JSON values; settings only if they are not the defaults."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
-        return {name: plain[name] for name in PROTOCOL}
+        return {name: plain[name] for name in PROTOCOL if plain[name] != {}}
 
     def policy_codes(self) -> dict[str, str]:
         """A random letter for each policy, which a blinded experimenter sees."""
@@ -208,6 +212,10 @@ def _check(design: Design, folder: Path) -> None:
                     ("robots", index),
                     f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
                 )
+            try:
+                task_and_scene(environment_id(task, robot), design.settings)
+            except ValueError as error:
+                raise ValidationError(("settings",), str(error)) from error
     for task in design.goals:
         check_known(("goals", task), task, TASKS)
     check_unique(("policies",), design.policies)
@@ -264,6 +272,7 @@ _TABLES: Tables = {
     ("stop_rules",): StopRule,
     ("database",): DatabaseConfig,
     ("furniture",): RealFurniture,
+    ("settings",): Settings,
     ("streams",): StreamChoice,
     ("reporting",): Reporting,
     ("retention",): Retention,

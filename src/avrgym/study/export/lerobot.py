@@ -22,7 +22,6 @@ from avrgym.tasks.observation import number_names
 from avrgym.tasks.registry import TASKS
 
 VERSION = "v3.0"
-STEPS_PER_S = 10
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -74,7 +73,7 @@ def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> 
         "next.done": numbers == len(steps) - 1,
         "next.success": np.array([control.success for control in steps], bool),
         "simulated": np.full(len(steps), exported.participant.simulated),
-        "timestamp": (numbers / STEPS_PER_S).astype(np.float32),
+        "timestamp": (numbers / exported.store.design.settings.control_hz).astype(np.float32),
         "frame_index": numbers,
         "episode_index": np.full(len(steps), episode),
         "index": start + numbers,
@@ -158,7 +157,7 @@ def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> di
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": STEPS_PER_S,
+        "fps": attempts[0].store.design.settings.control_hz,
         "splits": {"train": f"0:{len(attempts)}"},
         "data_path": f"data/{PATTERN}",
         "video_path": None,

@@ -12,6 +12,7 @@ from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_remaining
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.tasks.settings import Settings
 from avrgym.texts.interface_texts import Text, Texts, read_texts
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
@@ -73,7 +74,7 @@ class StudySessions:
         self._visit: StudyVisit | None = None
         self._questions: SessionQuestions | None = None
         self._session: Session | None = None
-        self._scenes: list[tuple[str, Person]] = []
+        self._scenes: list[tuple[str, Person, Settings]] = []
         self._clients: deque[tuple[Send, Role]] = deque(maxlen=MAX_CLIENTS)
         self._actions: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
@@ -122,7 +123,7 @@ class StudySessions:
     # What the loop calls -----------------------------------------------------------------------------------------
 
     @property
-    def scenes(self) -> Sequence[tuple[str, Person]]:
+    def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
         """Scenes of all sessions so far; browsers cache them by number."""
         return self._scenes
 

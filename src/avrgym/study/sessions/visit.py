@@ -43,6 +43,7 @@ from avrgym.study.storage.sessions import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
+from avrgym.tasks.settings import Settings
 from avrgym.texts.interface_texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
@@ -113,7 +114,7 @@ class StudyVisit:
         plan: SessionPlan,
         send: Send,
         workers: Executor | None = None,
-        scenes: list[tuple[str, Person]] | None = None,
+        scenes: list[tuple[str, Person, Settings]] | None = None,
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
     ) -> Session:
@@ -260,6 +261,8 @@ def plan_session(
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
         open_questionnaire=_open_questionnaire(store, pseudonym, trials),
         consent=latest_consent(store.consents(pseudonym)),
+        settings=design.settings,
+        allow_other_settings=design.allow_other_settings,
     )
 
 

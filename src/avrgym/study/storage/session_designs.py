@@ -39,6 +39,7 @@ def design_as_recorded(
         "force_guard": configuration.force_guard,
         "withdraw_after_success": configuration.withdraw_after_success,
         "furniture": configuration.furniture,
+        "settings": configuration.settings,
     }
     if configuration.free_movement_s is not None:
         changes["free_movement_s"] = configuration.free_movement_s

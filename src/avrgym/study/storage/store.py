@@ -259,12 +259,12 @@ class Store:
         stored: dict[str, Any] = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar() or {}
         if stored == protocol:
             return
-        changed = [name for name, value in protocol.items() if stored.get(name) != value]
+        changed = [name for name in {**stored, **protocol} if stored.get(name) != protocol.get(name)]
         taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(
                 f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
-                f"allowed: {stored[changed[0]]!r}, as it was"
+                f"allowed: {stored.get(changed[0], {})!r}, as it was"
             )
         hash_chain.delete(connection, schema.STUDY)
         hash_chain.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)

@@ -8,7 +8,6 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
@@ -74,7 +73,7 @@ class DrinkingExpert:
         near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
         self._tilt_rad = np.minimum(
-            self._tilt_rad + np.where(near, CONTROL_STEP_S * rate, 0.0), EMPTY_TILT_RAD
+            self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_TILT_RAD
         )
         into = planner.line_step(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to(np.where(self._arrived[:, None], into, swing))

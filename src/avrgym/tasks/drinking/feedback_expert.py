@@ -4,7 +4,6 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
 from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, ToolTarget, funnel_standoff_m, speed_m_s
@@ -27,7 +26,9 @@ def drinking_target(state: State, task_state: TaskState, planner: MotionPlanner)
     near = norm(offset) < TILT_DISTANCE_M
     rate = np.where(tilt < expert.POUR_START_TILT_RAD, TURN_SPEED_RAD_S, TILT_SPEED_RAD_S)
     far = norm(offset) > expert.STANDOFF_M
-    tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.CARRY_TILT_RAD, tilt))
+    tilt = np.where(
+        near, tilt + planner.scene.control_step_s * rate, np.where(far, expert.CARRY_TILT_RAD, tilt)
+    )
     goal_w, q_w = expert.at_mouth(state, approach, np.minimum(tilt, expert.EMPTY_TILT_RAD))
     back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M)
     return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.APPROACH_SPEED_M_S)

@@ -19,7 +19,6 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import RIM_RADIUS_M
 from avrgym.models.human import GEOMS
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
 from avrgym.tasks.drinking.expert import Approach
@@ -83,7 +82,7 @@ class MemoryExpert:
         """Actions (N, J)."""
         planner, state = self._planner, self._episodes.state()
         planner.relax()
-        rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * CONTROL_STEP_S
+        rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * self._planner.scene.control_step_s
         self._mouth_w = state.mouth_pos_w
         turn_rad = _turn_rad(state)
         away = (np.abs(turn_rad) > LOOK_AWAY_RAD) & (
@@ -106,7 +105,7 @@ class MemoryExpert:
         aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
         pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count(in_cup(state))
-        tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
+        tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
         back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
@@ -125,15 +124,18 @@ def _way(left_m: FloatArray) -> Approach:
 
 
 def _next_tilt_rad(
-    tilt: FloatArray, pours_rad: FloatArray, distance_m: FloatArray, rests: BoolArray, away: BoolArray
+    step_s: float,
+    tilt: FloatArray,
+    pours_rad: FloatArray,
+    distance_m: FloatArray,
+    rests: BoolArray,
+    away: BoolArray,
 ) -> FloatArray:
     """Target tilt (N,) for the present tilt, the pouring tilt and the distance to the lips."""
     calm_rad = pours_rad - SPILL_MARGIN_RAD
     pours = (distance_m < POUR_START_DISTANCE_M) & ~away & (rests | (tilt < calm_rad))
-    on = tilt + CONTROL_STEP_S * np.clip(
-        TILT_GAIN_PER_S * (pours_rad - tilt), POUR_SPEED_RAD_S, TURN_SPEED_RAD_S
-    )
-    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_SPEED_RAD_S, expert.POUR_START_TILT_RAD)
+    on = tilt + step_s * np.clip(TILT_GAIN_PER_S * (pours_rad - tilt), POUR_SPEED_RAD_S, TURN_SPEED_RAD_S)
+    ready = np.minimum(tilt + step_s * TURN_SPEED_RAD_S, expert.POUR_START_TILT_RAD)
     stops = (tilt > calm_rad) & (away | ~rests | (distance_m > POUR_STOP_DISTANCE_M))
     waits = np.where(
         tilt < expert.POUR_START_TILT_RAD, ready, np.where(stops, expert.POUR_START_TILT_RAD, tilt)

@@ -4,7 +4,6 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.experts.robot_clearance import Clearance
@@ -42,7 +41,8 @@ class MotionPlanner:
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
         self._chain = placement.arm_chain(self.scene)
-        self._reach = self.scene.arm.speed_limit * CONTROL_STEP_S
+        self._step_s = self.scene.control_step_s
+        self._reach = self.scene.arm.speed_limit * self._step_s
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)
@@ -73,8 +73,8 @@ class MotionPlanner:
         self._update()
         step = target_pos_w - self.pos_w
         turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
-        step = step * _limiting_share(step, CONTROL_STEP_S * speed_m_s)
-        turn = turn * _limiting_share(turn, CONTROL_STEP_S * turn_rad_s)
+        step = step * _limiting_share(step, self._step_s * speed_m_s)
+        turn = turn * _limiting_share(turn, self._step_s * turn_rad_s)
         q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
         pull = POSTURE_SHARE * (self.posture - self.joint_positions)
         pull *= _limiting_share(pull / self._chain.units, np.full(len(pull), POSTURE_SHARE))
@@ -88,7 +88,7 @@ class MotionPlanner:
         self._update()
         step = self._within_limits(target - self.joint_positions)
         pos, _ = self.pose(self.joint_positions + step)
-        step *= _limiting_share(pos - self.pos_w, CONTROL_STEP_S * speed_m_s)
+        step *= _limiting_share(pos - self.pos_w, self._step_s * speed_m_s)
         pos_w, q_w = self.pose(self.joint_positions + step)
         return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
@@ -136,7 +136,7 @@ class MotionPlanner:
         way = joint_positions - self.joint_positions[:, None]
         tilt = [self._tilt_rad(self.joint_positions[:, None] + share * way) for share in PATH_FRACTIONS]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
-        return CONTROL_STEP_S * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
+        return self._step_s * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
 
     def _collision_cost_s(self, joint_positions: FloatArray) -> FloatArray:
         """Cost of small distances on the way to joint positions (N, M, J), shape (N, M)."""

@@ -7,7 +7,6 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
-from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
@@ -33,7 +32,7 @@ class MemoryExpert:
         return self._follow(observation)
 
     def _target(self, state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-        speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / CONTROL_STEP_S
+        speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / planner.scene.control_step_s
         self._mouth_w = state.mouth_pos_w
         return feeding_target(state, task_state, planner, standoff_from_mouth_m(speed_m_s))
 

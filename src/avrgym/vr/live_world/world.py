@@ -13,6 +13,7 @@ from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
 from avrgym.tasks.control_loop import ControlLoop, ControlStep
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import Task
 from avrgym.vr.live_world.drivers import Driver, zero_action
 from avrgym.vr.live_world.scene_message import poses, scene_message
@@ -28,17 +29,17 @@ BRAKING_TICKS = 30
 class LiveWorld:
     """One world whose person follows a participant, with a robot that a driver commands.
 
-    A driver acts at 10 Hz; physics and person run at 100 Hz.
+    A driver acts at the control rate, by default 10 Hz; physics and person run at 100 Hz.
     """
 
-    def __init__(self, environment_id: str, person: Person) -> None:
+    def __init__(self, environment_id: str, person: Person, settings: Settings = DEFAULTS) -> None:
         """Compile the scene for a person.
 
         Raises:
-            ValueError: for an unknown environment, with the allowed ids.
+            ValueError: for an unknown environment, with the allowed ids, or impossible settings.
         """
         self._episodes = Episodes(
-            environment_id, 1, person=person, moving=True, num_threads=1, by_region=True
+            environment_id, 1, person=person, moving=True, num_threads=1, by_region=True, settings=settings
         )
         self._solver = BodySolver(person, self._episodes.scene.posture)
         self._loop = self._episodes.loop
@@ -148,7 +149,7 @@ class LiveWorld:
         return bool(self._loop.withdrawing[0])
 
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms; with a prepared driver the robot moves, and every tenth tick returns a control step.
+        """Advance by 10 ms; with a prepared driver the robot moves, and the last tick of a control step returns it.
 
         With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides still moves it.
         """

@@ -14,6 +14,7 @@ from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
 from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
 from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.vr.scene.scene_export import export_glb
 
 P = ParamSpec("P")
@@ -27,14 +28,16 @@ def warm_up() -> None:
     """Does nothing: a task that makes the process import its modules."""
 
 
-def export_scene(environment_id: str, person: Person) -> bytes:
+def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULTS) -> bytes:
     """The GLB of an environment with a person in it."""
-    return export_glb(model_with_appearance(environment_id, person))
+    return export_glb(model_with_appearance(environment_id, person, settings))
 
 
-def model_with_appearance(environment_id: str, person: Person) -> mujoco.MjModel:
+def model_with_appearance(
+    environment_id: str, person: Person, settings: Settings = DEFAULTS
+) -> mujoco.MjModel:
     """The model of an environment with a person, including materials and textures."""
-    _, scene = task_and_scene(environment_id)
+    _, scene = task_and_scene(environment_id, settings)
     return build_spec(scene, person, moving=True, appearance=True).compile()
 
 
@@ -51,18 +54,22 @@ class SceneExporter:
         with self._lock:
             self._submit(warm_up)
 
-    def export(self, number: int, environment_id: str, person: Person) -> Future[bytes]:
+    def export(
+        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
+    ) -> Future[bytes]:
         """Export the scene of a number, unless it is cached."""
         with self._lock:
             if number not in self._scenes:
-                self._scenes[number] = self._submit(export_scene, environment_id, person)
+                self._scenes[number] = self._submit(export_scene, environment_id, person, settings)
                 while len(self._scenes) > MAX_CACHED_SCENES:
                     del self._scenes[next(iter(self._scenes))]
             return self._scenes[number]
 
-    async def glb(self, number: int, environment_id: str, person: Person) -> bytes:
+    async def glb(
+        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
+    ) -> bytes:
         """The GLB file of a number. After an error the next request exports it again."""
-        scene = self.export(number, environment_id, person)
+        scene = self.export(number, environment_id, person, settings)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))
         except Exception:

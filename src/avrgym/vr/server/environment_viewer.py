@@ -10,6 +10,7 @@ from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.vr.live_world.drivers import Operator, make_driver
 from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_message
 from avrgym.vr.protocol import messages
@@ -38,6 +39,9 @@ class EnvironmentViewer:
         impairment: str = "none",
         *,
         force_guard: bool = False,
+        settings: Settings = DEFAULTS,
+        allow_other_settings: bool = False,
+        steps: int = EPISODE_STEPS,
     ) -> None:
         """Compile the scene and start the first episode.
 
@@ -49,11 +53,14 @@ class EnvironmentViewer:
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             force_guard: whether the force guard limits contact force and approach speed.
+            settings: of the environment.
+            allow_other_settings: whether to allow a policy that was trained with other settings.
+            steps: control steps of an episode.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
         """
-        self.scenes: list[tuple[str, Person]] = []
+        self.scenes: list[tuple[str, Person, Settings]] = []
         self._episodes = Episodes(
             environment_id,
             1,
@@ -62,9 +69,14 @@ class EnvironmentViewer:
             num_threads=1,
             by_region=True,
             force_guard=force_guard,
+            settings=settings,
         )
+        self._length = steps
         self._policy, self._seed, self._send = policy, seed, send
-        self._driver = make_driver(find_for_session(policy, environment_id), background=True)
+        self._driver = make_driver(
+            find_for_session(policy, environment_id, settings, allow_other_settings=allow_other_settings),
+            background=True,
+        )
         self._phase: Literal["loading", "running", "ended"] = "loading"
         self._now_s, self._ticks = 0.0, 0
         self._paused = False
@@ -124,7 +136,8 @@ class EnvironmentViewer:
         self._latest: ControlStep | None = None
         self._steps, self._reward = 0, 0.0
         self._success = False
-        self.scenes.append((self._episodes.environment_id, self._episodes.person_in(0)))
+        episodes = self._episodes
+        self.scenes.append((episodes.environment_id, episodes.person_in(0), episodes.settings))
         self._phase, self._waits_until_s = "loading", self._now_s + LOADING_S
         self._send(self._scene())
         self._tell()
@@ -151,9 +164,9 @@ class EnvironmentViewer:
         self._latest, success = step, bool(step.outcome.success[0])
         self._steps += 1
         self._reward += float(step.outcome.reward[0])
-        if self._steps == EPISODE_STEPS:
+        if self._steps == self._length:
             self._phase, self._waits_until_s = "ended", self._now_s + LOOK_AT_END_S
-        if success != self._success or self._steps == EPISODE_STEPS:
+        if success != self._success or self._steps == self._length:
             self._success = success
             self._tell()
 
@@ -182,7 +195,7 @@ class EnvironmentViewer:
             pause_reason="",
             torso_height_m=self._episodes.person_in(0).torso_height_m,
             step=self._steps,
-            steps=EPISODE_STEPS,
+            steps=self._length,
             reward=self._reward,
             success=self._success,
             distance_m=float(latest.distance_m[0]) if latest else 0.0,

@@ -12,6 +12,7 @@ from statistics import median
 from typing import Generic, Protocol, TypeVar
 
 from avrgym.models.human import Person
+from avrgym.tasks.settings import Settings
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.server.cpu_idle import CpuIdlePrevention
@@ -40,8 +41,8 @@ class Runnable(Protocol):
     """A session of a participant, or an environment viewer: run by the loop, served by the server."""
 
     @property
-    def scenes(self) -> Sequence[tuple[str, Person]]:
-        """Environment and person of each scene; the index is the number in the scene's address."""
+    def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
+        """Environment, person and settings of each scene; the index is the number in the scene's address."""
         ...
 
     @property

@@ -257,6 +257,7 @@ def configuration(
         stop_rules=plan.stop_rules.rules,
         headset_check=headset,
         consent=plan.consent,
+        settings=plan.settings,
         furniture=plan.furniture,
         reward_weights=dict(world.task.weights),
         items=tuple(plan.items_after(trial)),

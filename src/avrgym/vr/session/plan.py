@@ -12,6 +12,7 @@ from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.texts.interface_texts import ENGLISH, Texts
 
 
@@ -63,13 +64,14 @@ class SessionPlan:
     """The plan of a session.
 
     ``free_movement_s``: the person moves freely before and after each trial. ``countdown_s``: the wait before the robot
-    starts. ``trial_steps``: a trial's length in control steps of 0.1 s. ``first_trial`` counts from 1; a session that
+    starts. ``trial_steps``: a trial's length in control steps. ``first_trial`` counts from 1; a session that
     continues after a break starts there. ``haptics`` and ``sounds``: feedback of touches and of successes.
     ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``. ``withdraw_after_success``: see
     ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
     their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
     also stretch their arms, and the model gets arms of that length. ``open_questionnaire`` comes before all else.
-    ``consent``: the participant's consent, for the recordings.
+    ``consent``: the participant's consent, for the recordings. ``settings``: of all environments;
+    ``allow_other_settings``: with policies that were trained with others.
     """
 
     trials: Sequence[TrialPlan]
@@ -91,6 +93,8 @@ class SessionPlan:
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
     consent: RecordedConsent | None = None
+    settings: Settings = DEFAULTS
+    allow_other_settings: bool = False
 
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)
@@ -127,6 +131,8 @@ def load_policies(plan: SessionPlan) -> Policies:
         ValueError: for an unknown environment or a policy that cannot be loaded.
     """
     return {
-        (environment, policy): find_for_session(policy, environment)
+        (environment, policy): find_for_session(
+            policy, environment, plan.settings, allow_other_settings=plan.allow_other_settings
+        )
         for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
     }

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ParamSpec, Self, TypeVar
 
 from avrgym.models.human import Person, Sex
+from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
 
 P = ParamSpec("P")
@@ -55,12 +56,12 @@ class Preparation:
         self._workers = workers
         self._world: Future[LiveWorld] | None = None
 
-    def request(self, key: TrialKey, environment: str, person: Person, seed: int) -> None:
+    def request(self, key: TrialKey, environment: str, person: Person, settings: Settings, seed: int) -> None:
         """Start to create a world with a person in this pose; cancels an earlier request."""
         if self._world is not None:
             self._world.cancel()
         self.key = key
-        self._world = self._workers.submit(_build, environment, person, seed)
+        self._world = self._workers.submit(_build, environment, person, settings, seed)
 
     @property
     def ready(self) -> bool:
@@ -74,7 +75,7 @@ class Preparation:
         return world.result()
 
 
-def _build(environment: str, person: Person, seed: int) -> LiveWorld:
-    world = LiveWorld(environment, person)
+def _build(environment: str, person: Person, settings: Settings, seed: int) -> LiveWorld:
+    world = LiveWorld(environment, person, settings)
     world.reset(seed)
     return world

@@ -16,6 +16,7 @@ from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Received, Send
@@ -55,7 +56,7 @@ class Session:
         kept: Callable[[], bool] = lambda: True,
         ended_elsewhere: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
-        scenes: list[tuple[str, Person]] | None = None,
+        scenes: list[tuple[str, Person, Settings]] | None = None,
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
     ) -> None:
@@ -135,8 +136,8 @@ class Session:
         return self._state.storage.attempt_results
 
     @property
-    def scenes(self) -> list[tuple[str, Person]]:
-        """Environment and person of each scene that clients may load, by the number in its address."""
+    def scenes(self) -> list[tuple[str, Person, Settings]]:
+        """Environment, person and settings of each scene that clients may load, by the number in its address."""
         return self._state.worlds.scenes
 
     @property

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from avrgym.models.human import Person
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.plan import SessionPlan
@@ -14,8 +15,8 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 class TrialWorlds:
     """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
-    ``scenes`` holds environment and person of each scene, by the number in its address; ``number`` is that of the
-    present ``world``.
+    ``scenes`` holds environment, person and settings of each scene, by the number in its address; ``number`` is that of
+    the present ``world``.
     """
 
     def __init__(
@@ -24,7 +25,7 @@ class TrialWorlds:
         trial: int,
         person: Person,
         workers: Executor,
-        scenes: list[tuple[str, Person]],
+        scenes: list[tuple[str, Person, Settings]],
     ) -> None:
         """Build the world of the trial with this index; new scenes are added to ``scenes``."""
         self.scenes = scenes
@@ -34,7 +35,7 @@ class TrialWorlds:
         self._shown: int | None = None
         environment = plan.trials[trial].environment
         self.number = self._number(environment, person)
-        self.world = LiveWorld(environment, resting_person(environment, person))
+        self.world = LiveWorld(environment, resting_person(environment, person), plan.settings)
 
     @property
     def url(self) -> str:
@@ -62,7 +63,7 @@ class TrialWorlds:
             start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
             start_person = resting_person(plan.environment, person)
-        self._preparation.request(key, plan.environment, start_person, plan.seed)
+        self._preparation.request(key, plan.environment, start_person, self._plan.settings, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene, unless it is the present one."""
@@ -96,10 +97,12 @@ class TrialWorlds:
 
     def _number(self, environment: str, person: Person) -> int:
         """The number of an environment's scene with this person; a new one if there is none."""
-        for number, (known, body) in enumerate(self.scenes):
-            if known == environment and BodyKey.from_person(body) == BodyKey.from_person(person):
+        settings = self._plan.settings
+        for number, (known, body, applied) in enumerate(self.scenes):
+            same = (known, applied) == (environment, settings)
+            if same and BodyKey.from_person(body) == BodyKey.from_person(person):
                 return number
-        self.scenes.append((environment, resting_person(environment, person)))
+        self.scenes.append((environment, resting_person(environment, person), settings))
         return len(self.scenes) - 1
 
 

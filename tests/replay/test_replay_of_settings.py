@@ -1,0 +1,34 @@
+"""Recordings contain the settings of their environment, and replay uses them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.recording.reader import read_recording
+from avrgym.replay.verification import verify
+from avrgym.tasks.settings import Settings
+from helpers.vr.visit import Visit, plan
+
+CHANGED = {
+    "avrgym/FeedingJaco-v1": Settings(control_hz=50),
+}
+"""Settings by environment."""
+
+
+@pytest.mark.parametrize("environment", CHANGED)
+def test_a_trial_with_settings_is_replayed_to_the_same_bits(tmp_path: Path, environment: str) -> None:
+    visit = Visit(
+        tmp_path, replace(plan(environments=[environment], trial_steps=4), settings=CHANGED[environment])
+    )
+    visit.calibrate()
+    visit.run_until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (path,) = visit.session.recordings
+    recording = read_recording(path)
+    assert recording.configuration.settings == CHANGED[environment]
+    found = verify(recording)
+    assert found.differences == []
+    assert found.states == found.identical_states == len(recording.topics["/physics"])
+    assert found.steps == found.identical_steps == 4

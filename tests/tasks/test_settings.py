@@ -1,0 +1,160 @@
+"""Settings of environments: refused if impossible, honoured, stored, and without effect by default."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import msgspec
+import numpy as np
+import pytest
+
+from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
+from avrgym.policies import registry
+from avrgym.policies.trained import PolicyError
+from avrgym.system import random_streams
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.settings import CONTROL_RATES_HZ, DEFAULTS, Settings, as_settings, parse_settings
+
+FEEDING = "avrgym/FeedingJaco-v1"
+CHANGED: Mapping[str, Any] = {"control_hz": 20}
+"""A changed value of each setting."""
+IMPOSSIBLE: Mapping[str, Any] = {"control_hz": 7}
+
+
+def test_every_setting_has_an_example() -> None:
+    assert set(CHANGED) == set(IMPOSSIBLE) == set(Settings.__struct_fields__)
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_settings_survive_storage(name: str) -> None:
+    settings = as_settings({name: CHANGED[name]})
+    assert settings != DEFAULTS
+    assert msgspec.json.decode(msgspec.json.encode(settings), type=Settings) == settings
+    assert as_settings(settings.changed) == settings
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_an_impossible_setting_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name}.*allowed|Expected"):
+        as_settings({name: IMPOSSIBLE[name]})
+
+
+def test_defaults_are_stored_as_nothing() -> None:
+    assert msgspec.json.encode(DEFAULTS) == b"{}"
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("control_hz", "allowed: name=value"),
+        ("speed=2", "the settings are control_hz"),
+        ("control_hz=fast", "Expected `int`"),
+    ],
+)
+def test_a_wrong_line_is_refused(line: str, problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        parse_settings([line])
+
+
+def test_environments_take_settings_as_keyword_arguments() -> None:
+    env = gym.make(FEEDING, control_hz=20, max_episode_steps=3)
+    assert env.metadata["render_fps"] == 20
+    assert gym.make(env.spec).unwrapped.episodes.settings == Settings(control_hz=20)  # type: ignore[attr-defined, arg-type]
+    with pytest.raises(ValueError, match="unknown setting control_rate"):
+        gym.make(FEEDING, control_rate=20)
+
+
+@pytest.mark.parametrize("control_hz", CONTROL_RATES_HZ)
+def test_a_control_step_lasts_as_long_as_the_rate_requires(control_hz: int) -> None:
+    episodes = begun(control_hz)
+    before_s = episodes.simulation.batch.get_data(0).time
+    episodes.step(np.zeros((1, episodes.action_size)))
+    assert episodes.simulation.batch.get_data(0).time - before_s == pytest.approx(1.0 / control_hz)
+
+
+@pytest.mark.parametrize("people", ["participants", "zoo/train"])
+def test_people_and_robot_move_alike_at_every_rate(people: str) -> None:
+    """With constant actions, worlds of every rate pass through the same states."""
+    seconds, states = 0.6, {}
+    for control_hz in CONTROL_RATES_HZ:
+        episodes = begun(control_hz, people=people, impairment="tremor")
+        for _ in range(round(seconds * control_hz)):
+            episodes.step(np.full((1, episodes.action_size), 0.1))
+        states[control_hz] = episodes.simulation.person_angles_rad()[0]
+    for control_hz in CONTROL_RATES_HZ:
+        np.testing.assert_array_equal(states[control_hz], states[10], f"{control_hz} Hz")
+
+
+def test_people_of_a_world_do_not_depend_on_other_worlds() -> None:
+    """Worlds begin episodes between two targets of the people in other worlds."""
+    alone, together = (
+        begun(20, people="zoo/train"),
+        Episodes(FEEDING, 2, people="zoo/train", num_threads=1, settings=Settings(control_hz=20)),
+    )
+    action = np.zeros((1, alone.action_size))
+    together.reset(np.array([0, 1]), [random_streams.episode(seed) for seed in (0, 1)])
+    together.step(np.repeat(action, 2, axis=0))
+    together.reset(np.array([1]), [random_streams.episode(0)])
+    for _ in range(5):
+        together.step(np.repeat(action, 2, axis=0))
+        alone.step(action)
+    np.testing.assert_array_equal(
+        together.simulation.person_angles_rad()[1], alone.simulation.person_angles_rad()[0]
+    )
+
+
+@pytest.mark.parametrize("control_hz", [5, 50])
+def test_ticks_and_whole_steps_give_the_same_bits(control_hz: int) -> None:
+    whole, ticked = begun(control_hz, people="zoo/train"), begun(control_hz, people="zoo/train")
+    source = Constant(np.full((1, whole.action_size), 0.2))
+    for _ in range(3):
+        whole.step(source.action)
+        steps = [ticked.loop.tick(source) for _ in range(ticked.scene.substeps)]
+        assert [step is None for step in steps] == [True] * (len(steps) - 1) + [False]
+        assert (
+            whole.simulation.integration_state().tobytes() == ticked.simulation.integration_state().tobytes()
+        )
+
+
+def test_people_that_act_once_a_control_step_refuse_other_rates() -> None:
+    with pytest.raises(ValueError, match="control_hz=10"):
+        Episodes(FEEDING, 1, human_actions=True, settings=Settings(control_hz=20))
+
+
+def test_packaged_policies_refuse_settings_of_no_training() -> None:
+    with pytest.raises(PolicyError, match="trained with default settings, not with control_hz=20"):
+        registry.find("revised", FEEDING, Settings(control_hz=20))
+    assert registry.find("revised", FEEDING, Settings(control_hz=20), allow_other_settings=True)
+    assert registry.find("oracle", FEEDING, Settings(control_hz=20))
+
+
+def test_the_default_control_step_is_that_of_people() -> None:
+    assert DEFAULTS.control_step_s == CONTROL_STEP_S
+    assert begun(10).scene.substeps == SUBSTEPS
+
+
+class Constant:
+    """Commands the same action at all times."""
+
+    def __init__(self, action: Any) -> None:
+        self.action = action
+
+    def act(self, observation: Any) -> Any:
+        return self.action
+
+    def update_action(self) -> None:
+        return None
+
+
+def begun(control_hz: int, people: str = "original", impairment: str = "none") -> Episodes:
+    """One world with this control rate, at the start of an episode."""
+    episodes = Episodes(
+        FEEDING,
+        1,
+        people=people,
+        impairment=impairment,
+        num_threads=1,
+        settings=Settings(control_hz=control_hz),
+    )
+    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    return episodes
