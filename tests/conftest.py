@@ -10,11 +10,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import numpy as np
 import pytest
 
 import avrgym  # noqa: F401  before MuJoCo, whose rendering backend it selects
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 
 pytest.register_assert_rewrite("helpers")
 
@@ -42,17 +44,30 @@ LONG = (
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark all except ``fast_cases`` cases as slow, and run long files first."""
+    """Mark all except ``fast_cases`` cases as slow, and run long files first.
+
+    Of the cases of other environments than the paper's, all except one are slow.
+    """
     cases: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item)
-    for group in cases.values():
+    for name, group in cases.items():
         if marker := group[0].get_closest_marker("fast_cases"):
             fast = set(np.linspace(0, len(group) - 1, marker.args[0]).round().astype(int).tolist())
-            for number, item in enumerate(group):
-                if number not in fast:
-                    item.add_marker(pytest.mark.slow)
+            slow = [item for number, item in enumerate(group) if number not in fast]
+        else:
+            slow = [item for item in group if _environments(item) - {*PAPER_ENVIRONMENTS}]
+            if slow:
+                del slow[crc32(name.encode()) % len(slow)]
+        for item in slow:
+            item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
+def _environments(item: pytest.Item) -> set[str]:
+    """Environment ids among the parameters of a test case."""
+    parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    return {each for each in parameters if isinstance(each, str) and each.startswith("avrgym/")}
 
 
 def pytest_collection_finish() -> None:

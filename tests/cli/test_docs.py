@@ -31,7 +31,7 @@ MAX_WORDS, MAX_README_LINES = 30_000, 120
 EXAMPLES = {
     environment_id(task, robot)
     for task in (*TASKS, "TouchElbow")
-    for robot in ("Jaco", "Gen3", "UR5", "LongArm")
+    for robot in ("Jaco", "Fetch", "LongArm")
 }
 """Environments on the pages about new tasks and robots."""
 

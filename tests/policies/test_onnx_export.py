@@ -12,14 +12,12 @@ from avrgym.cli import app
 from avrgym.policies.onnx import onnx_model
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
 
-@pytest.mark.parametrize(
-    "environment", sorted(environment for environment in ENVIRONMENTS if environment.startswith("avrgym/"))
-)
+@pytest.mark.parametrize("environment", PAPER_ENVIRONMENTS)
 def test_onnx_export_of_every_policy_without_memory_acts_equally(environment: str) -> None:
     found = [find(name, environment) for name in packaged_policies(environment)]
     without = [policy for policy in found if isinstance(policy, Policy) and policy.memory is None]

@@ -28,11 +28,10 @@ from helpers.system.paths import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 
-from avrgym_example.gen3 import GEN3
-from avrgym_example.ur5 import UR5
+from avrgym_example.fetch import FETCH
 
 TOOLS = {tool.name: tool for tool in (SPOON, CUP, SCRATCHER, WASHCLOTH)}
-EVERY = {robot.name: robot for robot in (*ROBOTS.values(), GEN3, UR5)}
+EVERY = {robot.name: robot for robot in (*ROBOTS.values(), FETCH)}
 GRIPS = [(robot, tool) for robot in EVERY.values() for tool in robot.grips]
 DEEPEST_M, PINCHED_M, FARTHEST_M = 0.003, 0.008, 0.003
 """How deep a finger's hull may lie in a tool's, and in the cloth that it pinches; how far off it is at most."""
@@ -123,7 +122,7 @@ def test_visual_geoms_do_not_change_the_dynamics(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", [GEN3, UR5], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("robot", [ROBOTS["Panda"], FETCH], ids=lambda robot: robot.name)
 def test_a_browser_is_shown_a_robot_of_a_package(robot):
     """Every moving link has a node with a mesh in the scene that clients draw."""
     scene = TASKS["Feeding"].scene(robot)
@@ -136,29 +135,29 @@ def test_a_browser_is_shown_a_robot_of_a_package(robot):
 # What is refused
 
 
-ARM = UR5.arms["right"]
+ARM = FETCH.arms["right"]
 BROKEN = {
-    "a capital letter": replace(UR5, name="my-robot"),
-    "it has no arms": replace(UR5, arms={}),
-    "it has no mounts": replace(UR5, mounts={}),
-    "it has no grips": replace(UR5, grips={}),
-    "unknown mounts 'sofa'; allowed: wheelchair, bed": replace(UR5, mounts={"sofa": UR5.mounts["bed"]}),
-    "has 5 joints; allowed: 6 or more": replace(UR5, arms={"right": replace(ARM, joints=ARM.joints[:5])}),
-    r"seed_pose of its right arm has shape \(7,\); allowed: \(6,\)": replace(
-        UR5, arms={"right": replace(ARM, seed_pose=np.zeros(7))}
+    "a capital letter": replace(FETCH, name="my-robot"),
+    "it has no arms": replace(FETCH, arms={}),
+    "it has no mounts": replace(FETCH, mounts={}),
+    "it has no grips": replace(FETCH, grips={}),
+    "unknown mounts 'sofa'; allowed: wheelchair, bed": replace(FETCH, mounts={"sofa": FETCH.mounts["bed"]}),
+    "has 5 joints; allowed: 6 or more": replace(FETCH, arms={"right": replace(ARM, joints=ARM.joints[:5])}),
+    r"seed_pose of its right arm has shape \(8,\); allowed: \(7,\)": replace(
+        FETCH, arms={"right": replace(ARM, seed_pose=np.zeros(8))}
     ),
     "effort_limit of its right arm must be above 0": replace(
-        UR5, arms={"right": replace(ARM, effort_limit=np.zeros(6))}
+        FETCH, arms={"right": replace(ARM, effort_limit=np.zeros(7))}
     ),
-    "base: its model has no 'floor'": replace(UR5, base="floor"),
+    "base: its model has no 'floor'": replace(FETCH, base="floor"),
     "end_effector of its right arm: its model has no 'paw'": replace(
-        UR5, arms={"right": replace(ARM, end_effector="paw")}
+        FETCH, arms={"right": replace(ARM, end_effector="paw")}
     ),
     "fingers of its grips: its model has no 'thumb'": replace(
-        UR5, grips={"spoon": replace(UR5.grips["spoon"], fingers={"thumb": 0.0})}
+        FETCH, grips={"spoon": replace(FETCH.grips["spoon"], fingers={"thumb": 0.0})}
     ),
-    "outside the range of elbow": replace(
-        UR5, arms={"right": replace(ARM, seed_pose=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
+    "outside the range of elbow_flex_joint": replace(
+        FETCH, arms={"right": replace(ARM, seed_pose=np.array([0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
     ),
 }
 
@@ -173,11 +172,11 @@ def test_an_incomplete_record_is_rejected(words):
 
 def test_a_name_that_is_taken_is_refused():
     with pytest.raises(ValueError, match="a robot named Jaco is already registered"):
-        registry.register(replace(UR5, name="Jaco"))
+        registry.register(replace(FETCH, name="Jaco"))
 
 
 def test_a_robot_does_the_tasks_for_which_it_has_everything():
-    spoon_only = replace(UR5, grips={"spoon": UR5.grips["spoon"]})
+    spoon_only = replace(FETCH, grips={"spoon": FETCH.grips["spoon"]})
     assert [name for name, task in TASKS.items() if suits(task, spoon_only)] == ["Feeding"]
-    with pytest.raises(ValueError, match="UR5 has no grip 'cup', only spoon"):
+    with pytest.raises(ValueError, match="Fetch has no grip 'cup', only spoon"):
         TASKS["Drinking"].scene(spoon_only)

@@ -13,8 +13,7 @@ STEPS = 20_000
     ("task", "robot", "term"),
     [
         ("ArmManipulation", "Jaco", "to_armrest_m"),
-        ("Feeding", "Gen3", "distance_m"),
-        ("Feeding", "UR5", "distance_m"),
+        ("Feeding", "Fetch", "distance_m"),
     ],
 )
 def test_extension_supports_training_study_report_and_replay(

@@ -18,6 +18,7 @@ from avrgym.study.design.allocation import (
 )
 from avrgym.study.design.counterbalancing import Block, balanced_orders, williams_square
 from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.registry import ENVIRONMENTS
 
 SIZES = range(2, 9)
@@ -88,7 +89,7 @@ def test_protocol_of_the_paper_has_sixteen_trials():
         assert [trial.position for trial in trials] == list(range(1, 21))
         assert [trial.practice for trial in trials] == [True, False, False, False, False] * 4
         assert Counter((t.environment, t.policy) for t in trials if not t.practice) == Counter(
-            {(environment, policy): 1 for environment in ENVIRONMENTS for policy in ("original", "revised")}
+            {(environment, policy): 1 for environment in PAPER_ENVIRONMENTS for policy in ("original", "revised")}
         )
         assert {trial.policy for trial in trials if trial.practice} == {"revised"}
         for start in range(0, 20, 5):

@@ -32,8 +32,7 @@ from helpers.system.paths import ROOT
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 sys.path.append(str(ROOT / "src" / "avrgym" / "skeletons" / "templates" / "robot" / "src"))
 
-from avrgym_example.gen3 import GEN3
-from avrgym_example.ur5 import UR5
+from avrgym_example.fetch import FETCH
 from example_arm.robot import ROBOT as SKELETON
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -76,7 +75,7 @@ def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", [GEN3, UR5, SKELETON], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("robot", [FETCH, SKELETON], ids=lambda robot: robot.name)
 def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(robots._robots, robot.name, robot)
     for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing"):

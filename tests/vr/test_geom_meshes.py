@@ -17,7 +17,6 @@ MOST_OFF_M = 0.003
 TURNED_DEG = 60.0
 """How far a vertex's normal may be from that of a triangle around it."""
 SAMPLES, PLACES, NEAREST = 2000, 60_000, 24
-ROBOTS = [*ALL_ROBOTS, "Panda"]
 
 
 @cache
@@ -58,7 +57,7 @@ def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
     """Also where a file stores each triangle by itself."""
     simplified = [each for each in robot_meshes(name) if len(each[1].faces) > DETAILED_TRIANGLES]
@@ -69,7 +68,7 @@ def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
 
 
 @pytest.mark.fast_cases(2)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_mesh_keeps_its_area(name: str) -> None:
     meshes = robot_meshes(name)
     shares = {mesh: shown.area / stored.area for mesh, stored, shown in meshes}
@@ -77,7 +76,7 @@ def test_a_mesh_keeps_its_area(name: str) -> None:
     assert {mesh: share for mesh, share in shares.items() if not LEAST_AREA < share < MOST_AREA} == {}
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_normals_are_those_of_the_surface(name: str) -> None:
     """No face is shaded as if it faced another way, but for slivers."""
     for _, _, shown in robot_meshes(name):

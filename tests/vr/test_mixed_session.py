@@ -12,6 +12,7 @@ import pytest
 
 from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
@@ -71,16 +72,16 @@ def happened(visit: Visit, kind: type) -> list:
 @pytest.mark.slow
 def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) -> None:
     """Each recording is of its environment; the body keeps its size; a new posture is calibrated."""
-    session = visit(environments=list(ENVIRONMENTS), seeds=range(8), practice=True)
+    session = visit(environments=list(PAPER_ENVIRONMENTS), seeds=range(8), practice=True)
     session.send(Entered())
     attend(session)
     assert not session.problems
     recorded = session.recordings()
-    assert [recording.configuration.environment for recording in recorded] == list(ENVIRONMENTS)
+    assert [recording.configuration.environment for recording in recorded] == list(PAPER_ENVIRONMENTS)
     assert all(recording.complete for recording in recorded)
     sizes = {recording.configuration.person.torso_height_m for recording in recorded}
     assert sizes == {session.session.person.torso_height_m}
-    lying = [environment.startswith("avrgym/BedBathing") for environment in ENVIRONMENTS]
+    lying = [environment.startswith("avrgym/BedBathing") for environment in PAPER_ENVIRONMENTS]
     changes = 1 + sum(a != b for a, b in pairwise(lying))
     assert session.phases.count("calibration") == changes
     assert [calibrated.measured for calibrated in happened(session, session_events.Calibrated)] == [

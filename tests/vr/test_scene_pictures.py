@@ -41,7 +41,7 @@ def test_a_scene_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*ALL_ROBOTS, "Panda"])
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_robot_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
     """From near."""
     model = robot_model(name)

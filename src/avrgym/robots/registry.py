@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 
 from avrgym.models.robot import Robot
+from avrgym.robots.gen3.robot import GEN3
 from avrgym.robots.jaco.robot import JACO
+from avrgym.robots.panda.robot import PANDA
 from avrgym.robots.pr2.robot import PR2
+from avrgym.robots.ur5.robot import UR5
 from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
 
-_robots: dict[str, Robot] = {robot.name: robot for robot in (JACO, PR2)}
+_robots: dict[str, Robot] = {robot.name: robot for robot in (JACO, PR2, PANDA, GEN3, UR5)}
 ROBOTS: Mapping[str, Robot] = _robots
 
 

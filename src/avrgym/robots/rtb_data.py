@@ -1,10 +1,21 @@
 """Robot descriptions of the installed package ``rtb-data``."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
+import mujoco
 import rtbdata
 
 
 def rtb_data_path(path: str) -> Path:
     """Path of a folder or file of the package, such as ``kinova_description/meshes``."""
     return Path(next(iter(rtbdata.__path__))) / "xacro" / path
+
+
+def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> None:
+    """Add visual meshes of a folder of the package: file by body."""
+    from avrgym.models.urdf import add_mesh, colour_of, read_mesh  # with trimesh
+
+    for body, file in meshes.items():
+        for number, part in enumerate(read_mesh(rtb_data_path(folder) / file)):
+            add_mesh(spec, spec.body(body), f"{body}_{number}", part, rgb=colour_of(part))

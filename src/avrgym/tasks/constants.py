@@ -3,7 +3,7 @@
 from itertools import product
 
 TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-ROBOTS = ("Jaco", "PR2")
+ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5")
 """Names of the packaged tasks and robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
@@ -20,6 +20,8 @@ def environment_id(task: str, robot: str) -> str:
 
 ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
 """Packaged environment ids. Plug-ins add others."""
+PAPER_ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ("Jaco", "PR2")))
+"""Environments of Erickson, Gu and Kemp (2020). They have packaged policies."""
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from avrgym.tasks.constants import ENVIRONMENTS
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
@@ -43,7 +43,7 @@ class RecordingVisit(Visit):
 def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
     """Yield a session for each seed and environment: the frame interval in ms and the frames."""
     for seed in range(seeds):
-        for number, environment in enumerate(ENVIRONMENTS):
+        for number, environment in enumerate(PAPER_ENVIRONMENTS):
             with TemporaryDirectory() as folder:
                 visit = RecordingVisit(Path(folder), environment, 100 * seed + number, trial_steps)
                 visit.participant.adopt_posture(environment)

@@ -1,0 +1,37 @@
+"""Grips of a hand with two parallel fingers."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.models.robot import Grip
+
+UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Rotation of a cup relative to a spoon: its x across the fingers."""
+ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation of a washcloth relative to a spoon: its z across the fingers."""
+TURNS = {
+    "spoon": transforms.IDENTITY_QUATERNION,
+    "cup": UPRIGHT,
+    "scratcher": transforms.IDENTITY_QUATERNION,
+    "washcloth": ACROSS,
+}
+
+
+def parallel_grips(
+    between_tips_m: ArrayLike, pointing: FloatArray, **fingers: Mapping[str, float]
+) -> dict[str, Grip]:
+    """Grips by tool.
+
+    Args:
+        between_tips_m: point between the fingertips (3,), end effector's frame.
+        pointing: rotation (4,) of a tool with x out of the hand and y across the fingers, end effector's frame.
+        **fingers: positions of the finger joints by tool.
+    """
+    return {
+        tool: Grip(np.asarray(between_tips_m, float), transforms.multiply(pointing, TURNS[tool]), positions)
+        for tool, positions in fingers.items()
+    }

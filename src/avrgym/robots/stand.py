@@ -1,0 +1,33 @@
+"""A stand on the floor next to the person, for arms that are too heavy for a wheelchair."""
+
+import mujoco
+
+from avrgym.models.collision_bits import COLLISION_GROUP
+from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_material, add_visual
+from avrgym.models.robot import BaseRange, Mount
+
+STAND_BODY = "stand"
+HALF_WIDTH_M = 0.18
+"""Half the width of its square foot."""
+_COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
+
+
+def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
+    """Give the body ``stand``, which carries an arm's base, its shape and this height."""
+    body = spec.body(STAND_BODY)
+    spec.body(base).pos = [0.0, 0.0, height_m]
+    foot = [HALF_WIDTH_M, HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
+    body.add_geom(type=BOX, size=foot, pos=[0, 0, _FOOT_HALF_HEIGHT_M], group=COLLISION_GROUP, mass=0.0)
+    column = [0, 0, 0.1, 0, 0, height_m - _COLUMN_RADIUS_M - 0.01]
+    body.add_geom(type=CAPSULE, size=[_COLUMN_RADIUS_M, 0, 0], fromto=column, group=COLLISION_GROUP, mass=0.0)
+    if appearance:
+        paint = add_material(spec, "stand", (0.30, 0.32, 0.35), metallic=0.5, roughness=0.4)
+        add_visual(body, BOX, paint, size=foot, pos=[0, 0, _FOOT_HALF_HEIGHT_M])
+        top = height_m - _PLATE_M
+        for radius, low, high in ((_COLUMN_RADIUS_M, 0.04, top), (0.09, top, height_m)):
+            add_visual(body, CYLINDER, paint, size=[radius, 0, 0], fromto=[0, 0, low, 0, 0, high])
+
+
+def next_to_person(x_m: float, y_m: float) -> Mount:
+    """The stand on the person's right side. Each episode searches for its place."""
+    return Mount((x_m, y_m, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))

@@ -1,0 +1,1 @@
+"""Universal Robots' UR5: six joints, on a stand."""

@@ -1,0 +1,61 @@
+"""The UR5. ``ur5.xml`` contains the kinematics, ``rtb-data`` the meshes."""
+
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+
+from avrgym.geometry import transforms
+from avrgym.models.robot import Robot, tuned_arm
+from avrgym.robots.parallel_gripper import parallel_grips
+from avrgym.robots.rtb_data import add_meshes
+from avrgym.robots.stand import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
+
+MESHES = "ur_description/meshes/ur5/visual"
+LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+STAND_M = 0.65
+
+
+def build(appearance: bool) -> mujoco.MjSpec:
+    """The arm with a parallel gripper, on the stand."""
+    spec = mujoco.MjSpec.from_string(files("avrgym.robots.ur5").joinpath("ur5.xml").read_text())
+    if appearance:
+        add_meshes(spec, MESHES, {link: f"{link}.dae" for link in LINKS})
+    add_stand(spec, "base", STAND_M, appearance=appearance)
+    return spec
+
+
+SPEED_DEG_S = 180.0
+TORQUE_N_M = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
+"""Limits of Universal Robots' data sheet (speed) and of the public description (torque)."""
+SEED_DEG = (142.0, -125.0, -59.0, 4.0, -142.0, 0.0)
+_ARM = tuned_arm(
+    build, JOINTS, "hand", np.radians(SEED_DEG),
+    speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+)  # fmt: skip
+BETWEEN_TIPS_M = (0.13, 0.0, 0.0)
+
+
+def _fingers(opening_m: float) -> dict[str, float]:
+    """Both fingers at this distance from the middle."""
+    return {"finger_left": opening_m, "finger_right": opening_m}
+
+
+UR5 = Robot(
+    name="UR5",
+    build=build,
+    base=STAND_BODY,
+    torso=STAND_BODY,
+    arms={"right": _ARM, "left": _ARM},
+    mounts={"wheelchair": next_to_person(-0.7, -0.65), "bed": next_to_person(-0.7, -0.65)},
+    grips=parallel_grips(
+        BETWEEN_TIPS_M,
+        transforms.IDENTITY_QUATERNION,
+        spoon=_fingers(0.0045),
+        cup=_fingers(0.042),
+        scratcher=_fingers(0.0056),
+        washcloth=_fingers(0.0098),
+    ),
+    half_width_m=HALF_WIDTH_M,
+)
