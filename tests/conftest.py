@@ -66,7 +66,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def _environments(item: pytest.Item) -> set[str]:
     """Environment ids among the parameters of a test case."""
-    parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    case = getattr(item, "callspec", None)
+    parameters = () if case is None else case.params.values()
     return {each for each in parameters if isinstance(each, str) and each.startswith("avrgym/")}
 
 

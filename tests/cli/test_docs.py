@@ -29,9 +29,7 @@ FOLDERS = {"docs", "research", "client", "examples", "tests", "scripts", "src"}
 PACKAGES = {path.name for path in (ROOT / "src" / "avrgym").iterdir() if path.is_dir()}
 MAX_WORDS, MAX_README_LINES = 30_000, 120
 EXAMPLES = {
-    environment_id(task, robot)
-    for task in (*TASKS, "TouchElbow")
-    for robot in ("Jaco", "Fetch", "LongArm")
+    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Fetch", "LongArm")
 }
 """Environments on the pages about new tasks and robots."""
 

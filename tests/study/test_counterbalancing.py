@@ -89,7 +89,11 @@ def test_protocol_of_the_paper_has_sixteen_trials():
         assert [trial.position for trial in trials] == list(range(1, 21))
         assert [trial.practice for trial in trials] == [True, False, False, False, False] * 4
         assert Counter((t.environment, t.policy) for t in trials if not t.practice) == Counter(
-            {(environment, policy): 1 for environment in PAPER_ENVIRONMENTS for policy in ("original", "revised")}
+            {
+                (environment, policy): 1
+                for environment in PAPER_ENVIRONMENTS
+                for policy in ("original", "revised")
+            }
         )
         assert {trial.policy for trial in trials if trial.practice} == {"revised"}
         for start in range(0, 20, 5):

@@ -45,8 +45,11 @@ def test_pruned_robot_data_contain_all_meshes(tmp_path: Path) -> None:
         ["sh", str(PACKAGING / "prune_robot_data.sh")], env=with_copy, check=True, stdout=subprocess.DEVNULL
     )
     assert sorted(path.name for path in (copy / "xacro").iterdir()) == [
+        "franka_description",
         "kinova_description",
+        "kortex_description",
         "pr2_description",
+        "ur_description",
     ]
     shown = "from avrgym.robots.registry import ROBOTS; [robot.build(True).compile() for robot in ROBOTS.values()]"
     subprocess.run([sys.executable, "-c", shown], env=with_copy, check=True)

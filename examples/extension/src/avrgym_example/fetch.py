@@ -20,9 +20,10 @@ FINGERS = ("l_gripper_finger_joint", "r_gripper_finger_joint")
 
 
 def _text() -> str:
-    """The URDF; its fingers, which it fixes, slide."""
+    """The URDF. Its fingers get a slide and an inertia that is possible."""
     text = (FOLDER / "robots" / "fetch.urdf").read_text()
-    return re.sub(r'(name="[lr]_gripper_finger_joint" type=)"fixed"', r'\1"prismatic"', text)
+    text = re.sub(r'(name="[lr]_gripper_finger_joint" type=)"fixed"', r'\1"prismatic"', text)
+    return re.sub(r'(ixx|iyy|izz)="(?:0|0\.002)"', r'\1="0.0001"', text)
 
 
 def _find_mesh(name: str) -> Path:
@@ -42,9 +43,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED, TORQUE = FETCH_URDF.limits(JOINTS)
 SEED_DEG = (0.0, 0.0, 0.0, 90.0, 0.0, -90.0, 0.0)
-_ARM = tuned_arm(
-    build, JOINTS, "gripper_link", np.radians(SEED_DEG), speed_limit=SPEED, effort_limit=TORQUE
-)
+_ARM = tuned_arm(build, JOINTS, "gripper_link", np.radians(SEED_DEG), speed_limit=SPEED, effort_limit=TORQUE)
 
 
 def fingers(opening_m: float) -> dict[str, float]:
@@ -67,10 +66,10 @@ FETCH = Robot(
     arms={"right": _ARM, "left": _ARM},
     mounts={"wheelchair": NEXT_TO_PERSON, "bed": NEXT_TO_PERSON},
     grips={
-        "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0)),
-        "cup": Grip(BETWEEN_TIPS_M, UPRIGHT, fingers(0.03)),
-        "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0)),
-        "washcloth": Grip(BETWEEN_TIPS_M, ACROSS, fingers(0.0)),
+        "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
+        "cup": Grip(BETWEEN_TIPS_M, UPRIGHT, fingers(0.0415)),
+        "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
+        "washcloth": Grip(BETWEEN_TIPS_M, ACROSS, fingers(0.012)),
     },
     half_width_m=0.3,
     fixed_joints={"torso_lift_joint": 0.2},
