@@ -29,6 +29,7 @@ from figures_file import name_of, read  # noqa: E402
 from papers_results import SIMULATION, short  # noqa: E402
 from partners import FIGURES_FILE  # noqa: E402
 from policy_tables import settings_table  # noqa: E402
+from robots import FIGURES_FILE as ROBOTS_FILE  # noqa: E402
 
 Lines = Iterator[str]
 KINDS = ("original", "revised", "adaptive")
@@ -101,6 +102,18 @@ def body_regions() -> Lines:
     ]
     head = "region", "quasi-static limit", "transient limit", "spring", "mass"
     return table((*head, *(f"maximum contact speed, {robot}" for robot in environments), "geoms"), rows)
+
+
+def robots() -> Lines:
+    """Reach of every robot in every task, and the oracle's success, reward, force and exceeded limits."""
+    figures = read(ROBOTS_FILE)
+    rows = []
+    for environment in ENVIRONMENTS:
+        found = figures.get(environment, {})
+        shares = (f"{100.0 * found[key]:.1f} %" if key in found else "–" for key in ("start", "goals"))
+        oracle = (_result(found), f"{found['reward_mean']:.0f}") if found else ("–", "–")
+        rows.append((short(environment), *shares, *oracle))
+    return table(("environment", "starts", "goals", "oracle", "reward"), rows)
 
 
 def policies() -> Lines:
@@ -259,7 +272,7 @@ def _text(node: ast.expr) -> str:
 TABLES = {
     each.__name__: each
     for each in (
-        environments, observations, body_regions, policies, policy_training, training_settings, zoo_styles,
+        environments, observations, robots, body_regions, policies, policy_training, training_settings, zoo_styles,
         zoo_partners, instruments, evaluation, analysis_tables, errors,
     )
 }  # fmt: skip
