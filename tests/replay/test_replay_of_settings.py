@@ -11,7 +11,8 @@ from avrgym.tasks.settings import Settings
 from helpers.vr.visit import Visit, plan
 
 CHANGED = {
-    "avrgym/FeedingJaco-v1": Settings(control_hz=50),
+    "avrgym/FeedingJaco-v1": Settings(control_hz=50, tool="large", particles=5),
+    "avrgym/DrinkingJaco-v1": Settings(tool="mug", particles=20),
 }
 """Settings by environment."""
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
-from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER, inner_radius_m
+from avrgym.models.cup import CUP_SHAPE, WATER
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.people import distributions
@@ -22,7 +22,7 @@ DRINKING = TASKS["Drinking"]
 LEFT, BACK, UP = np.eye(3)
 MOUTH = np.array([0.0, -0.1, 1.2])
 EDGE = np.array([-0.1, -0.4, 1.1])  # where the cup's pouring edge is, which faces left
-CUP_MIDDLE = EDGE + AXIS_X_M * LEFT - 0.5 * HEIGHT_M * UP
+CUP_MIDDLE = EDGE + CUP_SHAPE.axis_x_m * LEFT - 0.5 * CUP_SHAPE.height_m * UP
 IN_THE_AIR = np.array([-0.4, -0.2, 1.15])
 FALLEN = np.array([-0.4, -0.2, 0.9])
 ON_FLOOR = np.array([-0.8, 0.5, 0.005])
@@ -306,9 +306,9 @@ def test_water_begins_inside_the_cup_without_overlap():
     apart = np.linalg.norm(WATER.start[:, None] - WATER.start, axis=-1)[~np.eye(64, dtype=bool)]
     assert apart.min() >= 2.0 * WATER.radius_m
     for x, y, z in WATER.start:
-        assert np.hypot(x - AXIS_X_M, y) + WATER.radius_m < inner_radius_m(z)
-        assert -HEIGHT_M < z - WATER.radius_m < 0.0
-    assert (RIM_RADIUS_M, HEIGHT_M) == (0.047, 0.125)
+        assert np.hypot(x - CUP_SHAPE.axis_x_m, y) + WATER.radius_m < CUP_SHAPE.inner_radius_m(z)
+        assert -CUP_SHAPE.height_m < z - WATER.radius_m < 0.0
+    assert (CUP_SHAPE.rim_radius_m, CUP_SHAPE.height_m) == (0.047, 0.125)
 
 
 def reset_episodes(count: int, robot: str = "Jaco") -> Episodes:
@@ -331,7 +331,9 @@ def test_water_stays_in_a_cup_that_is_carried_fast():
         action = 0.5 * np.cos(0.1 * np.pi * step) * np.array([1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         result = episodes.step(np.tile(action, (4, 1)))
         assert (in_cup_frame(episodes)[..., 2] < -0.02).all()
-        assert np.abs(in_cup_frame(episodes)[..., :2] - [AXIS_X_M, 0.0]).max() < RIM_RADIUS_M
+        assert (
+            np.abs(in_cup_frame(episodes)[..., :2] - [CUP_SHAPE.axis_x_m, 0.0]).max() < CUP_SHAPE.rim_radius_m
+        )
         assert not result.reward_terms["water_spilled"].any()
 
 

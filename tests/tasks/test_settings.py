@@ -13,12 +13,13 @@ from avrgym.policies import registry
 from avrgym.policies.trained import PolicyError
 from avrgym.system import random_streams
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import TASKS, task_and_scene
 from avrgym.tasks.settings import CONTROL_RATES_HZ, DEFAULTS, Settings, as_settings, parse_settings
 
 FEEDING = "avrgym/FeedingJaco-v1"
-CHANGED: Mapping[str, Any] = {"control_hz": 20}
+CHANGED: Mapping[str, Any] = {"control_hz": 20, "tool": "large", "particles": 5}
 """A changed value of each setting."""
-IMPOSSIBLE: Mapping[str, Any] = {"control_hz": 7}
+IMPOSSIBLE: Mapping[str, Any] = {"control_hz": 7, "tool": "fork", "particles": 0}
 
 
 def test_every_setting_has_an_example() -> None:
@@ -35,8 +36,8 @@ def test_settings_survive_storage(name: str) -> None:
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_setting_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name}.*allowed|Expected"):
-        as_settings({name: IMPOSSIBLE[name]})
+    with pytest.raises(ValueError, match=name):
+        task_and_scene(FEEDING, as_settings({name: IMPOSSIBLE[name]}))
 
 
 def test_defaults_are_stored_as_nothing() -> None:
@@ -131,6 +132,56 @@ def test_packaged_policies_refuse_settings_of_no_training() -> None:
 def test_the_default_control_step_is_that_of_people() -> None:
     assert DEFAULTS.control_step_s == CONTROL_STEP_S
     assert begun(10).scene.substeps == SUBSTEPS
+
+
+TOOLS = [
+    ("Feeding", "small", 3),
+    ("Feeding", "large", 10),
+    ("Drinking", "glass", 100),
+    ("Drinking", "mug", 16),
+]
+
+
+@pytest.mark.fast_cases(2)
+@pytest.mark.parametrize(("task", "tool", "particles"), TOOLS)
+def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particles: int) -> None:
+    """The robot holds the tool level for a second; its expert can then begin."""
+    settings = Settings(tool=tool, particles=particles)
+    episodes = Episodes(f"avrgym/{task}Jaco-v1", 1, num_threads=1, settings=settings)
+    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    for _ in range(10):
+        step = episodes.step(np.zeros((1, episodes.action_size)))
+    assert episodes.simulation.state().particle_pos_w.shape == (1, particles, 3)
+    lost = [name for name in ("food_dropped", "water_spilled") if name in step.reward_terms]
+    assert [step.reward_terms[name][0] for name in lost] == [0.0]
+    tool_w = episodes.simulation.state().tool_pos_w
+    assert np.linalg.norm(episodes.simulation.state().particle_pos_w - tool_w[:, None], axis=-1).max() < 0.2
+    assert np.isfinite(episodes.task.expert(episodes)(step.observation)).all()
+
+
+@pytest.mark.parametrize(
+    ("task", "values", "problem"),
+    [
+        ("Feeding", {"particles": 9}, "a medium spoon has room for 1 to 8"),
+        ("Feeding", {"tool": "mug"}, "the spoons are small, medium, large"),
+        ("Drinking", {"particles": 1000}, "a cup has room for 1 to"),
+        ("BedBathing", {"particles": 5}, "BedBathing has no setting particles"),
+    ],
+)
+def test_a_tool_that_a_task_does_not_have_is_refused(task: str, values: dict[str, Any], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        task_and_scene(f"avrgym/{task}Jaco-v1", as_settings(values))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_worlds_of_the_same_settings_share_a_scene(task: str) -> None:
+    environment = f"avrgym/{task}Jaco-v1"
+    assert task_and_scene(environment) == (TASKS[task], task_and_scene(environment)[1])
+    assert task_and_scene(environment, Settings(control_hz=20))[0] is TASKS[task]
+    assert (
+        task_and_scene(environment, Settings(control_hz=20))[1]
+        is task_and_scene(environment, Settings(control_hz=20))[1]
+    )
 
 
 class Constant:

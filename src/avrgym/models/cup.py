@@ -1,6 +1,9 @@
 """The cup and its water."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import mujoco
 import numpy as np
@@ -12,44 +15,71 @@ from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_material, add_
 from avrgym.models.shapes import revolve
 from avrgym.models.tools import Hull, Particles, Tool
 
-RIM_RADIUS_M, FOOT_RADIUS_M, HEIGHT_M = 0.047, 0.034, 0.125
-"""The cup of the 2020 reference, tapered so that every hand fits around its lower half."""
-AXIS_X_M = -RIM_RADIUS_M
-"""The cup's axis in the tool's frame. The frame's origin is the pouring edge of the rim."""
-
 _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
-_TAPER_RAD = math.atan2(RIM_RADIUS_M - FOOT_RADIUS_M, HEIGHT_M)
+_GRIP_HEIGHT_M = 0.05
+"""Height of the hand above the foot."""
+_FREE_BELOW_RIM_M = 0.02
+"""Least height of the rim above the water."""
 
 
-def inner_radius_m(z: float) -> float:
-    """Inner radius at height ``z`` in the tool's frame; the rim is at zero."""
-    return RIM_RADIUS_M + z * math.tan(_TAPER_RAD) - _WALL_M / math.cos(_TAPER_RAD)
+@dataclass(frozen=True)
+class CupShape:
+    """A cup: radii of rim and foot, and height. The frame's origin is the pouring edge of the rim."""
+
+    rim_radius_m: float
+    foot_radius_m: float
+    height_m: float
+
+    @property
+    def axis_x_m(self) -> float:
+        """The cup's axis in the tool's frame."""
+        return -self.rim_radius_m
+
+    @property
+    def taper_rad(self) -> float:
+        """Angle of the walls to the axis."""
+        return math.atan2(self.rim_radius_m - self.foot_radius_m, self.height_m)
+
+    def inner_radius_m(self, z: float) -> float:
+        """Inner radius at height ``z`` in the tool's frame; the rim is at zero."""
+        return self.rim_radius_m + z * math.tan(self.taper_rad) - _WALL_M / math.cos(self.taper_rad)
 
 
-def _packed(count: int, radius_m: float) -> FloatArray:
-    """The lowest ``count`` centres of a close packing of spheres in the cup (count, 3)."""
+SHAPES: Mapping[str, CupShape] = {
+    "cup": CupShape(0.047, 0.034, 0.125),
+    "glass": CupShape(0.040, 0.034, 0.135),
+    "mug": CupShape(0.043, 0.038, 0.095),
+}
+"""``cup`` is that of the 2020 reference, tapered so that every hand fits around its lower half."""
+CUP_SHAPE = SHAPES["cup"]
+
+
+def _packed(shape: CupShape, radius_m: float) -> FloatArray:
+    """Centres (K, 3) of a close packing of spheres that fills a cup, the lowest first."""
     pitch = 2.02 * radius_m
     places: list[FloatArray] = []
     layer = 0
-    while len(places) < count:
-        z = _FLOOR_M - HEIGHT_M + radius_m * (1.0 + layer * np.sqrt(8.0 / 3.0) * 1.01)
-        places.extend(_layer(z, inner_radius_m(z) - 1.05 * radius_m, pitch, shifted=layer % 2 == 1))
+    while True:
+        z = _FLOOR_M - shape.height_m + radius_m * (1.0 + layer * np.sqrt(8.0 / 3.0) * 1.01)
+        if z + radius_m > -_FREE_BELOW_RIM_M:
+            return np.array(places)
+        reach_m = shape.inner_radius_m(z) - 1.05 * radius_m
+        places.extend(_layer(shape.axis_x_m, z, reach_m, pitch, shifted=layer % 2 == 1))
         layer += 1
-    return np.array(places[:count])
 
 
-def _layer(z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
+def _layer(axis_x_m: float, z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
     """A hexagonal layer around the cup's axis, sorted by distance from the axis."""
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10), indexing="ij"))
     x, y = pitch * (i + 0.5 * j), pitch * np.sqrt(0.75) * (j + (2.0 / 3.0 if shifted else 0.0))
     distance = np.hypot(x, y)
     nearest = [k for k in np.argsort(distance, kind="stable") if distance[k] <= reach_m]
-    return [np.array([AXIS_X_M + x[k], y[k], z]) for k in nearest]
+    return [np.array([axis_x_m + x[k], y[k], z]) for k in nearest]
 
 
 WATER = Particles(
     name="water",
-    start=_packed(64, radius_m=0.005),
+    start=_packed(CUP_SHAPE, 0.005)[:64],
     radius_m=0.005,
     mass_kg=0.001,
     rgb=(0.35, 0.62, 0.86),
@@ -58,28 +88,70 @@ WATER = Particles(
 """64 spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
 
 
-def _build_cup(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+@lru_cache
+def cup(name: str = "cup", particles: int = len(WATER.start)) -> Tool:
+    """The cup of a shape, with particles of water.
+
+    Raises:
+        ValueError: for an unknown shape, and for more particles than the cup has room for.
+    """
+    if name not in SHAPES:
+        raise ValueError(f"tool is {name!r}; the cups are {', '.join(SHAPES)}")
+    shape = SHAPES[name]
+    places = _packed(shape, WATER.radius_m)
+    if particles > len(places):
+        raise ValueError(f"particles is {particles}; a {name} has room for 1 to {len(places)}")
+    return Tool(
+        "cup",
+        partial(_build_cup, shape),
+        grip_pos=(shape.axis_x_m, 0.0, _GRIP_HEIGHT_M - shape.height_m),
+        particles=replace(WATER, start=places[:particles]),
+        hull=Hull(
+            ("cup_floor", *(f"cup_wall_{wall}" for wall in range(_WALLS))),
+            CYLINDER,
+            pos=(shape.axis_x_m, 0.0, -0.5 * shape.height_m),
+            size=(0.5 * (shape.foot_radius_m + shape.rim_radius_m), 0.5 * shape.height_m, 0.0),
+        ),
+    )
+
+
+def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     """A floor and a ring of tilted walls. The pouring edge is between two walls."""
-    floor = [AXIS_X_M, 0.0, 0.5 * _FLOOR_M - HEIGHT_M]
-    size = [FOOT_RADIUS_M, 0.5 * _FLOOR_M, 0.0]
+    floor = [shape.axis_x_m, 0.0, 0.5 * _FLOOR_M - shape.height_m]
+    size = [shape.foot_radius_m, 0.5 * _FLOOR_M, 0.0]
     add_collision(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
     for wall in range(_WALLS):
-        _add_wall(body, f"cup_wall_{wall}", 2.0 * np.pi * (wall + 0.5) / _WALLS)
+        _add_wall(shape, body, f"cup_wall_{wall}", 2.0 * np.pi * (wall + 0.5) / _WALLS)
     if appearance:
         white = add_material(spec, "cup", (0.94, 0.94, 0.92), roughness=0.35)
-        add_skin(spec, body, "cup_skin", white, revolve(_OUTLINE), pos=[AXIS_X_M, 0.0, 0.0])
+        add_skin(spec, body, "cup_skin", white, revolve(_outline(shape)), pos=[shape.axis_x_m, 0.0, 0.0])
 
 
-def _add_wall(body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
+def _outline(shape: CupShape) -> list[tuple[float, float]]:
+    """Radius and height of the visual mesh: that of ``CUP_SHAPE``, stretched."""
+
+    def wider(share: float) -> float:
+        rim, foot = (1.0 - share) * shape.rim_radius_m, share * shape.foot_radius_m
+        return (rim + foot) / ((1.0 - share) * CUP_SHAPE.rim_radius_m + share * CUP_SHAPE.foot_radius_m)
+
+    taller = shape.height_m / CUP_SHAPE.height_m
+    return [(r * wider(-z / CUP_SHAPE.height_m), z * taller) for r, z in _OUTLINE]
+
+
+def _add_wall(shape: CupShape, body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
     """A box whose inner face touches the cone at ``angle_rad`` around the cup's axis."""
     around = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle_rad))
-    lean = transforms.from_axis_angle([0.0, 1.0, 0.0], _TAPER_RAD)
+    lean = transforms.from_axis_angle([0.0, 1.0, 0.0], shape.taper_rad)
     outward = transforms.rotate(around, [1.0, 0.0, 0.0])
-    distance = inner_radius_m(-0.5 * HEIGHT_M) + 0.5 * _WALL_M / math.cos(_TAPER_RAD)
-    size = [0.5 * _WALL_M, RIM_RADIUS_M * math.tan(np.pi / _WALLS), 0.5 * HEIGHT_M / math.cos(_TAPER_RAD)]
+    distance = shape.inner_radius_m(-0.5 * shape.height_m) + 0.5 * _WALL_M / math.cos(shape.taper_rad)
+    size = [
+        0.5 * _WALL_M,
+        shape.rim_radius_m * math.tan(np.pi / _WALLS),
+        0.5 * shape.height_m / math.cos(shape.taper_rad),
+    ]
     add_collision(
         body, name, BOX, collision_bits.TOOL,
-        pos=[AXIS_X_M, 0.0, -0.5 * HEIGHT_M] + distance * outward,
+        pos=[shape.axis_x_m, 0.0, -0.5 * shape.height_m] + distance * outward,
         quat=transforms.multiply(around, lean), size=size, mass=0.005,
     )  # fmt: skip
 
@@ -91,15 +163,5 @@ _OUTLINE = [
 ]  # fmt: skip
 """Radius and height of the cup's visual mesh, with a rolled rim."""
 
-CUP = Tool(
-    "cup",
-    _build_cup,
-    grip_pos=(AXIS_X_M, 0.0, -0.075),
-    particles=WATER,
-    hull=Hull(
-        ("cup_floor", *(f"cup_wall_{wall}" for wall in range(_WALLS))),
-        CYLINDER,
-        pos=(AXIS_X_M, 0.0, -0.5 * HEIGHT_M),
-        size=(0.5 * (FOOT_RADIUS_M + RIM_RADIUS_M), 0.5 * HEIGHT_M, 0.0),
-    ),
-)
+CUP = cup()
+"""The cup by default."""

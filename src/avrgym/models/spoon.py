@@ -1,6 +1,9 @@
 """The spoon and its food."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import mujoco
 import numpy as np
@@ -17,14 +20,9 @@ def _grid(x: list[float], y: list[float], z: float) -> FloatArray:
     return np.array([[px, py, z] for px in x for py in y])
 
 
-FOOD = Particles(
-    name="food",
-    start=_grid([-0.0153, -0.0051, 0.0051, 0.0153], [-0.0051, 0.0051], -0.0028),
-    radius_m=0.005,
-    mass_kg=0.001,
-    rgb=(0.86, 0.45, 0.16),
-)
-"""Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
+SIZES: Mapping[str, float] = {"small": 0.85, "medium": 1.0, "large": 1.25}
+"""Scale of the bowl's length and width, by the size of the spoon."""
+_PITCH_M, _FOOD_Z = 0.0102, -0.0028
 
 SPOON_LENGTH_M = 0.17
 _BOWL = (0.0260, 0.0195)  # half length, half width of the bowl at its rim
@@ -34,45 +32,105 @@ _WALL = 0.003
 _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 
-def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+@lru_cache
+def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
+    """The spoon of a size, with pieces of food: spheres of radius 5 mm and 1 g in one layer, those in the middle first.
+
+    Raises:
+        ValueError: for an unknown size, and for more pieces than the spoon has room for.
+    """
+    if size not in SIZES:
+        raise ValueError(f"tool is {size!r}; the spoons are {', '.join(SIZES)}")
+    bowl, floor = (tuple(SIZES[size] * each for each in half) for half in (_BOWL, _FLOOR))
+    places = _places(floor)
+    count = min(len(FOOD.start), len(places)) if pieces is None else pieces
+    if count > len(places):
+        raise ValueError(f"particles is {pieces}; a {size} spoon has room for 1 to {len(places)}")
+    middle = np.argsort(np.hypot(*places[:, :2].T), kind="stable")[:count]
+    rim = tuple(half + lean + _WALL for half, lean in zip(floor, _LEAN, strict=True))
+    bottom_z = _FLOOR_Z - _WALL
+    return Tool(
+        "spoon",
+        partial(_build_spoon, bowl, floor),
+        grip_pos=(0.02 + bowl[0] - SPOON_LENGTH_M, 0.0, 0.0),
+        particles=replace(FOOD, start=places[np.sort(middle)]),
+        hull=Hull(
+            ("spoon_floor", "spoon_left", "spoon_right", "spoon_front", "spoon_back"),
+            BOX,
+            pos=(0.0, 0.0, 0.5 * (bottom_z + _RIM_Z)),
+            size=(rim[0], rim[1], 0.5 * (_RIM_Z - bottom_z)),
+        ),
+        outline=np.concatenate(
+            [
+                _grid(
+                    [share * rim[0] for share in (-1.0, -0.5, 0.0, 0.5, 1.0)], [-rim[1], 0.0, rim[1]], _RIM_Z
+                ),
+                _grid([-floor[0], floor[0]], [-floor[1], floor[1]], bottom_z),
+            ]
+        ),
+    )
+
+
+def _places(floor: tuple[float, ...]) -> FloatArray:
+    """Centres of pieces in one layer on the floor of a bowl (K, 3)."""
+    along, across = (
+        [round(_PITCH_M * (i - 0.5 * (count - 1)), 4) for i in range(count)]
+        for count in (int(2.0 * half / _PITCH_M) for half in floor)
+    )
+    return _grid(along, across, _FOOD_Z)
+
+
+FOOD = Particles(name="food", start=_places(_FLOOR), radius_m=0.005, mass_kg=0.001, rgb=(0.86, 0.45, 0.16))
+"""Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
+
+
+def _build_spoon(
+    bowl: tuple[float, ...],
+    floor: tuple[float, ...],
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    appearance: bool,
+) -> None:
     """A level bowl of boxes with tilted walls, and a handle towards the hand."""
-    _add_bowl_walls(body)
-    handle_end = -(SPOON_LENGTH_M - _BOWL[0])
+    _add_bowl_walls(body, floor)
+    handle_end = -(SPOON_LENGTH_M - bowl[0])
     add_collision(
         body,
         "spoon_handle",
         CAPSULE,
         collision_bits.TOOL,
-        fromto=[-_BOWL[0], 0, _RIM_Z, handle_end, 0, _RIM_Z],
+        fromto=[-bowl[0], 0, _RIM_Z, handle_end, 0, _RIM_Z],
         size=[0.004, 0, 0],
         mass=0.02,
     )
     if appearance:
-        _add_spoon_skin(spec, body, handle_end)
+        _add_spoon_skin(spec, body, bowl, handle_end)
 
 
-def _add_bowl_walls(body: mujoco.MjsBody) -> None:
+def _add_bowl_walls(body: mujoco.MjsBody, floor: tuple[float, ...]) -> None:
     half_wall, height = 0.5 * _WALL, _RIM_Z - _FLOOR_Z
     add_collision(
         body, "spoon_floor", BOX, collision_bits.TOOL,
-        pos=[0, 0, _FLOOR_Z - half_wall], size=[*_FLOOR, half_wall], mass=0.01,
+        pos=[0, 0, _FLOOR_Z - half_wall], size=[*floor, half_wall], mass=0.01,
     )  # fmt: skip
     for name, axis, sign in (("left", 1, 1.0), ("right", 1, -1.0), ("front", 0, 1.0), ("back", 0, -1.0)):
         lean = _LEAN[axis]
         out = np.eye(3)[axis] * sign
         turn = transforms.from_axis_angle(np.cross([0.0, 0.0, 1.0], out), math.atan2(lean, height))
         normal = transforms.rotate(turn, out)
-        centre = out * (_FLOOR[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
-        along = _FLOOR[1 - axis] + _LEAN[1 - axis]
+        centre = out * (floor[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
+        along = floor[1 - axis] + _LEAN[1 - axis]
         size = np.where(np.eye(3)[axis] == 1.0, half_wall, [along, along, 0.5 * np.hypot(lean, height)])
         add_collision(
             body, f"spoon_{name}", BOX, collision_bits.TOOL, pos=centre, quat=turn, size=size, mass=0.002
         )
 
 
-def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float) -> None:
+def _add_spoon_skin(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, half_size: tuple[float, ...], handle_end: float
+) -> None:
     steel = add_material(spec, "steel", (0.80, 0.81, 0.83), metallic=0.4, roughness=0.3)
-    a, b = _BOWL
+    a, b = half_size
     outside = [(-0.0108, 0.35), (-0.0098, 0.70), (-0.006, 0.88), (0.0, 0.97), (_RIM_Z, 1.03)]
     inside = [(_RIM_Z, 0.97), (0.0, 0.90), (-0.005, 0.80), (-0.0082, 0.62), (-0.0088, 0.30)]
     bowl = loft([Section(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
@@ -82,26 +140,5 @@ def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float
     add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
 
 
-_RIM = tuple(floor + lean + _WALL for floor, lean in zip(_FLOOR, _LEAN, strict=True))
-_BOTTOM_Z = _FLOOR_Z - _WALL
-
-SPOON = Tool(
-    "spoon",
-    _build_spoon,
-    grip_pos=(0.02 + _BOWL[0] - SPOON_LENGTH_M, 0.0, 0.0),
-    particles=FOOD,
-    hull=Hull(
-        ("spoon_floor", "spoon_left", "spoon_right", "spoon_front", "spoon_back"),
-        BOX,
-        pos=(0.0, 0.0, 0.5 * (_BOTTOM_Z + _RIM_Z)),
-        size=(_RIM[0], _RIM[1], 0.5 * (_RIM_Z - _BOTTOM_Z)),
-    ),
-)
-
-OUTLINE = np.concatenate(
-    [
-        _grid([share * _RIM[0] for share in (-1.0, -0.5, 0.0, 0.5, 1.0)], [-_RIM[1], 0.0, _RIM[1]], _RIM_Z),
-        _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _BOTTOM_Z),
-    ]
-)
-"""Points (P, 3) on the outside of the bowl, in the tool's frame."""
+SPOON = spoon()
+"""The spoon by default, with eight pieces."""

@@ -51,7 +51,8 @@ class Hull:
 class Tool:
     """A tool: build function, grip position (3,) in the tool's frame, and particles.
 
-    ``pad`` is the body that touches people if it moves relative to the tool.
+    ``pad`` is the body that touches people if it moves relative to the tool. ``outline`` are points (P, 3) on the
+    outside of the part that enters the mouth.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Tool:
     particles: Particles | None
     pad: str = BODY
     hull: Hull | None = None
+    outline: FloatArray | None = None
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}

@@ -107,7 +107,7 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
         ValueError: for an unknown id, listing the ids, and for settings that are not possible in this environment.
     """
     name, robot = find_environment(environment_id)
-    task = TASKS[name]
+    task = TASKS[name].with_settings(settings)
     return task, _scene_with(task.scene(find_robot(robot)), settings)
 
 

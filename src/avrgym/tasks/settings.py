@@ -12,6 +12,8 @@ from msgspec import Meta
 
 from avrgym.models.scene import CONTROL_STEP_S
 
+TOOL_SETTINGS = ("tool", "particles")
+"""Settings that concern the tool, which not every task has."""
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """They are multiples or divisors of the rate at which people act, and divide the rate of the physics."""
 
@@ -24,6 +26,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
     control_hz: Annotated[int, Meta(description="Rate of the robot's actions; people act at 10 Hz.")] = 10
+    tool: Annotated[str | None, Meta(description="Size of the spoon or shape of the cup.")] = None
+    particles: Annotated[int, Meta(ge=1, description="Pieces of food, or particles of water.")] | None = None
 
     def __post_init__(self) -> None:
         if self.control_hz not in CONTROL_RATES_HZ:

@@ -18,6 +18,7 @@ from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
+from avrgym.tasks.settings import TOOL_SETTINGS, Settings
 
 TaskState = Any
 """State of a task during an episode: a dataclass of arrays, world axis first."""
@@ -151,6 +152,7 @@ class Task:
         marks: marks on the person.
         withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
             ``withdraw_after_success``.
+        variant: returns the task with the tool and the particles of settings; ``None``: the task has no such settings.
         tracked: body parts that VR must track: the head, and the arms that the robot works on. An attempt ends when the
             tracking of one is lost.
 
@@ -180,6 +182,7 @@ class Task:
     marks: Marks | None = None
     withdraws_after_success: bool = False
     tracked: tuple[Part, ...] = ("head",)
+    variant: Callable[[Settings], "Task"] | None = None
 
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
@@ -214,10 +217,26 @@ class Task:
         if self.memory_expert is not None:
             self._check_part("memory_expert", callable(self.memory_expert), "function")
         object.__setattr__(self, "scene", cache(self.scene))
+        if self.variant is not None:
+            object.__setattr__(self, "variant", cache(self.variant))
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
             raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
+
+    def with_settings(self, settings: Settings) -> "Task":
+        """The task with the tool and the particles of settings.
+
+        Raises:
+            ValueError: for settings that this task does not have.
+        """
+        given = [name for name in TOOL_SETTINGS if getattr(settings, name) is not None]
+        if not given:
+            return self
+        if self.variant is None:
+            raise ValueError(f"{self.name} has no setting {given[0]}; allowed: leave it out")
+        # Settings of the scene do not make another variant.
+        return self.variant(Settings(**{name: getattr(settings, name) for name in given}))
 
     def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
         """Weighted sum of the terms (N,).

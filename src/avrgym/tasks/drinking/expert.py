@@ -1,13 +1,14 @@
 """Planning expert for drinking: carry the cup to the mouth, its rim to the lips, then tilt it about the rim."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
+from avrgym.models.cup import CUP_SHAPE, CupShape
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
@@ -34,15 +35,6 @@ TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_TILT_RAD), 5)
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-RIM = np.stack(
-    [
-        AXIS_X_M + RIM_RADIUS_M * elementary.cos(_AROUND),
-        RIM_RADIUS_M * elementary.sin(_AROUND),
-        0.0 * _AROUND,
-    ],
-    axis=-1,
-)
-"""Points (P, 3) of the rim in the tool's frame."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +48,9 @@ class Approach:
 class DrinkingExpert:
     """Chooses an approach for each person and follows it."""
 
-    def __init__(self, episodes: RunningEpisodes) -> None:
+    def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
         """Plan for the present people."""
+        self._cup = cup
         self._episodes = episodes
         self._planner, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
         count = self._episodes.simulation.num_worlds
@@ -69,7 +62,7 @@ class DrinkingExpert:
         state, planner = self._episodes.state(), self._planner
         self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
-        pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
+        pos_w, q_w = at_mouth(state, self._way, self._tilt_rad, self._cup)
         near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
         self._tilt_rad = np.minimum(
@@ -90,7 +83,7 @@ class DrinkingExpert:
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
         """Cost (N,) and first joint angles (N, J) of an approach."""
-        pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD))
+        pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup)
         before_w = pos_w - STANDOFF_M * transforms.rotate(yaw_q_w(state, approach), FORWARD)
         angles, seconds = (
             part[:, 0]
@@ -102,7 +95,8 @@ class DrinkingExpert:
         """Cost (N,) of the distance between rim and mouth and of small clearances while tilting."""
         gap_m = np.full(len(joint_positions), np.inf)
         poses = [
-            at_mouth(state, approach, np.full_like(approach.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()
+            at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
+            for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
             joint_positions = self._planner.joint_positions_at(pos_w, q_w, joint_positions)
@@ -110,7 +104,9 @@ class DrinkingExpert:
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
         reached_w, _ = self._planner.pose(joint_positions)
-        distance = norm(_edge_w(pos_w, q_w, approach) - state.mouth_pos_w) + norm(pos_w - reached_w)
+        distance = norm(_edge_w(pos_w, q_w, approach, self._cup) - state.mouth_pos_w) + norm(
+            pos_w - reached_w
+        )
         return DISTANCE_COST_S_PER_M * distance + COLLISION_COST_S * np.clip(
             1.0 - gap_m / CLEARANCE_M, 0.0, 1.0
         )
@@ -128,7 +124,9 @@ def yaw_q_w(state: State, approach: Approach) -> FloatArray:
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + approach.yaw_rad)
 
 
-def at_mouth(state: State, approach: Approach, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def at_mouth(
+    state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = CUP_SHAPE
+) -> tuple[FloatArray, FloatArray]:
     """Cup pose, (N, 3) and (N, 4), at a tilt, with its pouring edge as near to the lips as the head allows."""
     yaw = yaw_q_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
@@ -136,15 +134,28 @@ def at_mouth(state: State, approach: Approach, tilt_rad: FloatArray) -> tuple[Fl
     q_w = transforms.multiply(transforms.multiply(yaw, tilt), roll)
     back = -transforms.rotate(yaw, FORWARD)
     lips_w = state.mouth_pos_w + POUR_FORWARD_M * back + POUR_ABOVE_M * UP
-    pos_w = lips_w - _edge_w(np.zeros(3), q_w, approach)
-    rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], RIM)
+    pos_w = lips_w - _edge_w(np.zeros(3), q_w, approach, cup)
+    rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], _rim(cup))
     return pos_w + clearance_way_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
 
 
-def _edge_w(pos_w: FloatArray, q_w: FloatArray, approach: Approach) -> FloatArray:
+@cache
+def _rim(cup: CupShape) -> FloatArray:
+    """Points (P, 3) of the rim in the tool's frame."""
+    return np.stack(
+        [
+            cup.axis_x_m + cup.rim_radius_m * elementary.cos(_AROUND),
+            cup.rim_radius_m * elementary.sin(_AROUND),
+            0.0 * _AROUND,
+        ],
+        axis=-1,
+    )
+
+
+def _edge_w(pos_w: FloatArray, q_w: FloatArray, approach: Approach, cup: CupShape = CUP_SHAPE) -> FloatArray:
     """Point (N, 3) of the rim over which the cup pours."""
     edge = [
-        RIM_RADIUS_M * elementary.cos(approach.roll_rad) + AXIS_X_M,
-        -RIM_RADIUS_M * elementary.sin(approach.roll_rad),
+        cup.rim_radius_m * elementary.cos(approach.roll_rad) + cup.axis_x_m,
+        -cup.rim_radius_m * elementary.sin(approach.roll_rad),
     ]
     return pos_w + transforms.rotate(q_w, np.stack([*edge, np.zeros_like(approach.roll_rad)], axis=-1))

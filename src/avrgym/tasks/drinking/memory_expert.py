@@ -17,7 +17,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import RIM_RADIUS_M
+from avrgym.models.cup import CUP_SHAPE, CupShape
 from avrgym.models.human import GEOMS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
@@ -72,8 +72,9 @@ _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "le
 class MemoryExpert:
     """Brings the cup to each of N mouths, waits, and pours when possible."""
 
-    def __init__(self, episodes: RunningEpisodes) -> None:
+    def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
         """Start at the present poses."""
+        self._cup = cup
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
@@ -92,21 +93,22 @@ class MemoryExpert:
         return self._bring(awaited, rests, away)
 
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
-        planner, way = self._planner, _way(np.full(len(rests), LATERAL_OFFSET_M))
+        planner, cup = self._planner, self._cup
+        way = _way(np.full(len(rests), LATERAL_OFFSET_M), cup)
         tilt = expert.carried_tilt_rad(planner.q_w)
-        at_lips_w, _ = expert.at_mouth(state, way, tilt)
+        at_lips_w, _ = expert.at_mouth(state, way, tilt, cup)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
         turned_m = np.clip(
             LATERAL_OFFSET_M + TURN_COMPENSATION * aside_m, -MAX_LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M
         )
-        way = _way(turned_m)
-        at_lips_w, _ = expert.at_mouth(state, way, tilt)
+        way = _way(turned_m, cup)
+        at_lips_w, _ = expert.at_mouth(state, way, tilt, cup)
         aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
-        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count(in_cup(state))
+        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count(in_cup(state, cup))
         tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
-        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD))
+        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
         back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
             away, WAITING_STANDOFF_M, 0.0
@@ -118,9 +120,9 @@ class MemoryExpert:
         return planner.action_toward(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
-def _way(left_m: FloatArray) -> Approach:
+def _way(left_m: FloatArray, cup: CupShape = CUP_SHAPE) -> Approach:
     """Approach of cups with the reference point a distance (N,) to the left of the pouring point."""
-    return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
+    return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 
 
 def _next_tilt_rad(

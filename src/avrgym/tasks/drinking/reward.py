@@ -9,7 +9,7 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import AXIS_X_M, HEIGHT_M, RIM_RADIUS_M, WATER
+from avrgym.models.cup import CUP_SHAPE, WATER, CupShape
 from avrgym.models.human import People
 from avrgym.simulation.worlds import State
 from avrgym.tasks.feeding.reward import strong_tool_force
@@ -39,7 +39,7 @@ horizontal.
 
 @dataclass(frozen=True)
 class DrinkingState:
-    """State of each water particle, (N, 64) each. Particles that are ``gone`` have been removed from the scene."""
+    """State of each water particle, (N, K) each. Particles that are ``gone`` have been removed from the scene."""
 
     drunk: BoolArray
     spilled: BoolArray
@@ -54,13 +54,15 @@ def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.
     return DrinkingState(nothing, nothing, nothing, nothing)
 
 
-def evaluate_step(state: State, action: FloatArray, task_state: DrinkingState) -> StepResult:
+def evaluate_step(
+    state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
+) -> StepResult:
     """Water outside the cup within 3 cm of the mouth is drunk. Water below both cup and mouth is spilled."""
     check_count(state, task_state.drunk)
-    outside = ~(task_state.gone | in_cup(state))
+    outside = ~(task_state.gone | in_cup(state, cup))
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
-    spilled = drinkable & ~drunk & _fallen(state)
+    spilled = drinkable & ~drunk & _fallen(state, cup)
     on_person = touching_person(state, WATER.radius_m, outside & ~drunk & ~task_state.on_person)
     gone = drunk | (outside & (state.particle_pos_w[..., 2] < GROUND_M))
     after = DrinkingState(
@@ -87,20 +89,21 @@ def evaluate_step(state: State, action: FloatArray, task_state: DrinkingState) -
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
-def in_cup(state: State) -> BoolArray:
-    """Which water (N, 64) is inside the cup, below its rim."""
+def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
+    """Which water (N, K) is inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
-    beside = (pos[..., 0] - AXIS_X_M) ** 2 + pos[..., 1] ** 2 > RIM_RADIUS_M**2
-    return ~beside & (pos[..., 2] < 0.0) & (pos[..., 2] > -HEIGHT_M)
+    beside = (pos[..., 0] - cup.axis_x_m) ** 2 + pos[..., 1] ** 2 > cup.rim_radius_m**2
+    return ~beside & (pos[..., 2] < 0.0) & (pos[..., 2] > -cup.height_m)
 
 
-def _fallen(state: State) -> BoolArray:
-    """Which water (N, 64) is below all of the cup and the mouth."""
+def _fallen(state: State, cup: CupShape) -> BoolArray:
+    """Which water (N, K) is below all of the cup and the mouth."""
     middle = (
-        transforms.rotate(state.tool_q_w, [AXIS_X_M, 0.0, -0.5 * HEIGHT_M])[:, 2] + state.tool_pos_w[:, 2]
+        transforms.rotate(state.tool_q_w, [cup.axis_x_m, 0.0, -0.5 * cup.height_m])[:, 2]
+        + state.tool_pos_w[:, 2]
     )
-    cup_low = middle - float(np.hypot(RIM_RADIUS_M, 0.5 * HEIGHT_M))
+    cup_low = middle - float(np.hypot(cup.rim_radius_m, 0.5 * cup.height_m))
     mouth_low = state.mouth_pos_w[:, 2] - MOUTH_RADIUS_M
     return state.particle_pos_w[..., 2] < namespace(cup_low).minimum(cup_low, mouth_low)[:, None]
 

@@ -7,10 +7,11 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like
-from avrgym.models.cup import CUP
+from avrgym.models.cup import SHAPES, WATER, cup
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
+from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
 from avrgym.tasks.drinking.expert import DrinkingExpert
@@ -20,6 +21,7 @@ from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import TURNED_HEAD
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
 HAND_START_W = (-0.2, -0.5, 1.0)
@@ -28,9 +30,9 @@ CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Upright, the pouring edge towards the person."""
 
 
-def scene(robot: Robot) -> SceneConfig:
+def scene(robot: Robot, tool: Tool) -> SceneConfig:
     """Wheelchair; the right arm holds the cup."""
-    return placement.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
+    return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
@@ -43,24 +45,33 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     )
 
 
-DRINKING = Task(
-    name="Drinking",
-    goal="Drink the water from the cup.",
-    pose=TURNED_HEAD,
-    offered="mouth",
-    scene=scene,
-    num_uniforms=3 + placement.NUM_UNIFORMS,
-    start=start,
-    init_state=init_state,
-    observation=tool_at_the_mouth,
-    weights=WEIGHTS,
-    evaluate_step=evaluate_step,
-    expert=DrinkingExpert,
-    feedback_expert=partial(FeedbackExpert, target=drinking_target),
-    memory_expert=MemoryExpert,
-    views=Views(
-        mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
-        on_floor=BESIDE_WHEELCHAIR,
-    ),
-    withdraws_after_success=True,
-)
+def drinking(settings: Settings = DEFAULTS) -> Task:
+    """The task with cup and water of the settings."""
+    name, particles = settings.tool or "cup", settings.particles or len(WATER.start)
+    tool = cup(name, particles)
+    shape = SHAPES[name]
+    return Task(
+        name="Drinking",
+        goal="Drink the water from the cup.",
+        pose=TURNED_HEAD,
+        offered="mouth",
+        scene=partial(scene, tool=tool),
+        num_uniforms=3 + placement.NUM_UNIFORMS,
+        start=start,
+        init_state=partial(init_state, particles=particles),
+        observation=tool_at_the_mouth,
+        weights=WEIGHTS,
+        evaluate_step=partial(evaluate_step, cup=shape),
+        expert=partial(DrinkingExpert, cup=shape),
+        feedback_expert=partial(FeedbackExpert, target=partial(drinking_target, cup=shape)),
+        memory_expert=partial(MemoryExpert, cup=shape),
+        views=Views(
+            mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
+            on_floor=BESIDE_WHEELCHAIR,
+        ),
+        withdraws_after_success=True,
+        variant=drinking,
+    )
+
+
+DRINKING = drinking()

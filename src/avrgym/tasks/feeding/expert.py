@@ -5,7 +5,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.spoon import FOOD, OUTLINE
+from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
 from avrgym.tasks.experts.motion_planner import MotionPlanner
@@ -27,7 +27,6 @@ CLEARANCE_M, CLOSER_STEP_M, GENTLE_FORCE_N = 0.002, 0.0005, 4.0
 """Initial clearance from the face. If too little food is in the mouth, the spoon moves closer in small steps until it
 touches the face gently."""
 SPOON_RADIUS_M = 0.05
-SPARE_PIECES = (1.0 - SUCCESS_SHARE) * len(FOOD.start)
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,7 +37,8 @@ class FeedingExpert:
         """Plan for the present people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
-        count = episodes.simulation.num_worlds
+        self._tool, count = episodes.scene.tool, episodes.simulation.num_worlds
+        self._spare_pieces = (1.0 - SUCCESS_SHARE) * len(food_of(self._tool))
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())
 
@@ -47,9 +47,9 @@ class FeedingExpert:
         state, planner = self._episodes.state(), self._planner
         self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)
-        target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
+        target = at_mouth(self._tool, state, self._q_w, self._rise_m, self._clearance_m)
         there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
-        self._clearance_m -= np.where(there & _may_move_closer(state), CLOSER_STEP_M, 0.0)
+        self._clearance_m -= np.where(there & self._may_move_closer(state), CLOSER_STEP_M, 0.0)
         into = planner.line_step(target, self._q_w, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
@@ -57,13 +57,16 @@ class FeedingExpert:
         """Choose the fastest reachable pose that brings most of the food into the mouth."""
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
-            [at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(HEIGHTS_M)],
+            [
+                at_mouth(self._tool, state, q_w[:, way], rise, self._clearance_m)
+                for way, rise in enumerate(HEIGHTS_M)
+            ],
             axis=1,
         )
-        food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
+        food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], food_of(self._tool))
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
-        failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
+        failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > self._spare_pieces
         before, seconds = self._planner.find_joint_positions(
             pos_w - STANDOFF_M * face_direction(state)[:, None], q_w, MAX_TILT_RAD
         )
@@ -73,6 +76,17 @@ class FeedingExpert:
         self._q_w, self._rise_m = q_w[world, best], HEIGHTS_M[best]
         self._before = before[world, best]
         self._planner.posture = self._before
+
+    def _may_move_closer(self, state: State) -> BoolArray:
+        """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
+        on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
+        return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < GENTLE_FORCE_N)
+
+
+def food_of(tool: Tool) -> FloatArray:
+    """Places (K, 3) of the food in the frame of a spoon."""
+    assert tool.particles is not None
+    return tool.particles.start
 
 
 def _spoon_q_w(state: State) -> FloatArray:
@@ -86,16 +100,11 @@ def _spoon_q_w(state: State) -> FloatArray:
 
 
 def at_mouth(
-    state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
+    tool: Tool, state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
     """Spoon positions (N, 3) in the middle of the mouth, or outside it if the clearance requires that."""
+    assert tool.outline is not None
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
-    outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
+    outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.outline)
     back = -face_direction(state)
     return pos_w + clearance_way_m(outline_w, back, state, clearance_m)[:, None] * back
-
-
-def _may_move_closer(state: State) -> BoolArray:
-    """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
-    on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
-    return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_FORCE_N)

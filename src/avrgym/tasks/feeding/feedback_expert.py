@@ -50,7 +50,7 @@ def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> 
     costs_m: list[FloatArray] = []
     for turn in YAWS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
-        goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
+        goal_w = expert.at_mouth(planner.scene.tool, state, q_w, 0.0, clearance_m)
         reached_w, reached_q_w = planner.pose(
             planner.joint_positions_at(goal_w, q_w, planner.joint_positions)
         )

@@ -37,7 +37,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class FeedingState:
-    """State of each piece of food, (N, 8) each. Eaten and dropped food no longer counts."""
+    """State of each piece of food, (N, K) each. Eaten and dropped food no longer counts."""
 
     eaten: BoolArray
     dropped: BoolArray

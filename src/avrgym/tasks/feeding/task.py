@@ -11,16 +11,18 @@ from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
-from avrgym.models.spoon import SPOON
+from avrgym.models.spoon import spoon
+from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.feeding.expert import FeedingExpert
+from avrgym.tasks.feeding.expert import FeedingExpert, food_of
 from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.feeding.memory_expert import MemoryExpert
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import TURNED_HEAD
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
 BOWL_SPREAD_M = 0.05
@@ -32,9 +34,9 @@ SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Level, pointing towards the person."""
 
 
-def scene(robot: Robot) -> SceneConfig:
+def scene(robot: Robot, tool: Tool) -> SceneConfig:
     """Wheelchair and table with bowl; the right arm holds the spoon."""
-    return placement.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
+    return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
@@ -54,24 +56,31 @@ def _goals(people: People) -> tuple[FloatArray, FloatArray]:
     return namespace(mouth).stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
-FEEDING = Task(
-    name="Feeding",
-    goal="Eat the food from the spoon.",
-    pose=TURNED_HEAD,
-    offered="mouth",
-    scene=scene,
-    num_uniforms=6 + placement.NUM_UNIFORMS,
-    start=start,
-    init_state=init_state,
-    observation=tool_at_the_mouth,
-    weights=WEIGHTS,
-    evaluate_step=evaluate_step,
-    expert=FeedingExpert,
-    feedback_expert=partial(FeedbackExpert, target=feeding_target),
-    memory_expert=MemoryExpert,
-    views=Views(
-        mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
-        on_floor=BESIDE_WHEELCHAIR,
-    ),
-    withdraws_after_success=True,
-)
+def feeding(settings: Settings = DEFAULTS) -> Task:
+    """The task with spoon and food of the settings."""
+    tool = spoon(settings.tool or "medium", settings.particles)
+    return Task(
+        name="Feeding",
+        goal="Eat the food from the spoon.",
+        pose=TURNED_HEAD,
+        offered="mouth",
+        scene=partial(scene, tool=tool),
+        num_uniforms=6 + placement.NUM_UNIFORMS,
+        start=start,
+        init_state=partial(init_state, particles=len(food_of(tool))),
+        observation=tool_at_the_mouth,
+        weights=WEIGHTS,
+        evaluate_step=evaluate_step,
+        expert=FeedingExpert,
+        feedback_expert=partial(FeedbackExpert, target=feeding_target),
+        memory_expert=MemoryExpert,
+        views=Views(
+            mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
+            on_floor=BESIDE_WHEELCHAIR,
+        ),
+        withdraws_after_success=True,
+        variant=feeding,
+    )
+
+
+FEEDING = feeding()
