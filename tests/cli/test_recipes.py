@@ -10,7 +10,12 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.cli.main import app
 from avrgym.learning import recurrent_recipe, training
-from avrgym.learning.configuration import AnyConfiguration, RecurrentConfiguration, stored_configuration
+from avrgym.learning.configuration import (
+    AnyConfiguration,
+    FeedforwardConfiguration,
+    RecurrentConfiguration,
+    stored_configuration,
+)
 from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT
 from avrgym.policies.trained import Policy
 from helpers.learning.small_training import shorten_training
@@ -71,6 +76,7 @@ def test_the_papers_recipe_uses_only_ppo(tmp_path: Path, monkeypatch: pytest.Mon
         out = tmp_path / "runs" / "FeedingJaco-v1-revised-paper-0"
         assert Policy.load(out / "policy.safetensors").metadata.steps == steps
         made = stored_configuration(out)
+        assert isinstance(made, FeedforwardConfiguration)
         assert made.imitation_steps == 0
         assert made.net_arch == (64, 64)
         assert made.force_weight_at(steps) == made.detour_weight_per_m == made.hard_share == 0.0

@@ -11,6 +11,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.testing import assert_array_equal
 
 import avrgym
+from avrgym.envs.vector import AssistiveVectorEnv
+from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.contact_forces import actions_towards
@@ -18,6 +20,17 @@ from helpers.simulation.vector_environments import assert_same_pair
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 WORLDS, STEPS = 4, 25
+
+
+def episodes_of(env: gym.vector.VectorEnv) -> Episodes:
+    unwrapped = env.unwrapped
+    assert isinstance(unwrapped, AssistiveVectorEnv)
+    return unwrapped.episodes
+
+
+def guard_of(episodes: Episodes) -> ForceGuard:
+    assert episodes.loop.guard is not None
+    return episodes.loop.guard
 
 
 def pressing(episodes: Episodes) -> np.ndarray:
@@ -54,7 +67,7 @@ def test_one_guarded_world_is_a_row_of_many() -> None:
     )
     single.reset(seed=1)
     vector.reset(seed=0)
-    episodes = vector.unwrapped.episodes
+    episodes = episodes_of(vector)
     for _ in range(STEPS):
         actions = pressing(episodes)
         observation, reward, _, _, info = single.step(actions[1])
@@ -85,8 +98,8 @@ def test_a_copy_continues_to_the_same_bits(how) -> None:
     """Copied while the guard overrides a robot."""
     env = gym.make_vec(SCRATCHING, num_envs=WORLDS, force_guard=True)
     env.reset(seed=0)
-    episodes = env.unwrapped.episodes
-    while not episodes.loop.guard.overriding.any():
+    episodes = episodes_of(env)
+    while not guard_of(episodes).overriding.any():
         env.step(pressing(episodes))
     other = how(env)
     for _ in range(12):
@@ -97,8 +110,8 @@ def test_a_copy_continues_to_the_same_bits(how) -> None:
 def test_a_reset_clears_the_guard_of_its_worlds_alone() -> None:
     env = gym.make_vec(SCRATCHING, num_envs=WORLDS, force_guard=True, autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=0)
-    episodes = env.unwrapped.episodes
-    guard = episodes.loop.guard
+    episodes = episodes_of(env)
+    guard = guard_of(episodes)
     while guard.interventions.astype(bool).sum() < 2:
         env.step(pressing(episodes))
     before = guard.interventions
@@ -121,7 +134,7 @@ def test_infos_are_those_of_gymnasiums_own_vector_environment(mode: AutoresetMod
         [lambda: gym.make(SCRATCHING, force_guard=True, max_episode_steps=STEPS)] * 2, autoreset_mode=mode
     )
     assert_same_pair(native.reset(seed=0), sync.reset(seed=0), "reset")
-    episodes = native.unwrapped.episodes
+    episodes = episodes_of(native)
     for number in range(STEPS + 3):
         actions = pressing(episodes)
         assert_same_pair(native.step(actions), sync.step(actions), f"step {number}")
@@ -135,7 +148,7 @@ def test_robot_and_human_have_a_guard_too() -> None:
     env = avrgym.parallel_env(SCRATCHING, force_guard=True)
     _, infos = env.reset(seed=0)
     assert infos["robot"]["guard_interventions"] == 0
-    human = np.zeros(env.action_space("human").shape, np.float32)
+    human = np.zeros_like(env.action_space("human").sample())
     for _ in range(60):
         robot = pressing(env.episodes)[0]
         infos = env.step({"robot": robot, "human": human})[4]

@@ -76,8 +76,10 @@ def test_a_length_that_none_has_is_refused(make: Callable[..., Any], steps: Any)
 def test_a_longer_episode_begins_as_the_usual_one(mode: AutoresetMode) -> None:
     """Two worlds, more steps than usual: the same bits up to the usual end, then the same episode goes on."""
     usual, longer = (
-        AssistiveVectorEnv(FEEDING, 2, people="participants", num_threads=1, autoreset_mode=mode, **how)
-        for how in ({}, {"max_episode_steps": EPISODE_STEPS + 10})
+        AssistiveVectorEnv(
+            FEEDING, 2, people="participants", num_threads=1, autoreset_mode=mode, max_episode_steps=steps
+        )
+        for steps in (EPISODE_STEPS, EPISODE_STEPS + 10)
     )
     assert_array_equal(usual.reset(seed=3)[0], longer.reset(seed=3)[0])
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (EPISODE_STEPS, 2, 7)).astype(np.float32)

@@ -60,7 +60,7 @@ RECORDS = {
 }
 
 
-def write_trial(path: Path, steps: int = 40, outcome=OUTCOME) -> dict[str, list]:
+def write_trial(path: Path, steps: int = 40, outcome: Outcome | None = OUTCOME) -> dict[str, list]:
     """Record some made-up steps in several chunks; returns what was written."""
     rng = random.Random(0)
     written: dict[str, list] = {topic: [] for topic in TOPICS}

@@ -24,6 +24,7 @@ from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
+from avrgym.system.columns import Column
 from avrgym.texts.interface_texts import read_texts
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 
@@ -111,7 +112,9 @@ def write_table(folder: Path) -> Path:
 
 
 def write_analysis_table(folder: Path) -> Path:
-    Table("a", ["participant", "text"], [{"participant": "sub-001", "text": UMLAUTS}]).write(folder)
+    Table(
+        "a", {"participant": Column(""), "text": Column("")}, [{"participant": "sub-001", "text": UMLAUTS}]
+    ).write(folder)
     return folder / "a.csv"
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from zipfile import ZipFile
 
+import msgspec
 import pytest
 from test_adverse_events import DIZZY
 from typer.testing import CliRunner
@@ -51,10 +52,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
             run_participant(opened, pseudonym, trials=2, simulated=False)
             change_an_answer(opened, pseudonym)
             add_note(opened, pseudonym, f"{name.lower()}-note")
-            report = DIZZY.__class__(
-                **{key: getattr(DIZZY, key) for key in DIZZY.__struct_fields__}
-                | {"description": f"{name.lower()}-event"}
-            )
+            report = msgspec.structs.replace(DIZZY, description=f"{name.lower()}-event")
             record_adverse_event(opened, pseudonym, report, recorded_by="kim")
         set_identity(opened, "sub-001", "Zora", "zora@example.org", confirm_duplicate=True)
         set_identity(opened, "sub-001", "Ada", "ada@example.org")

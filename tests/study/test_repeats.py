@@ -227,7 +227,9 @@ def by_command(name: CommandName) -> Callable[[Store, Visit], None]:
     return give
 
 
-def tell(message: messages.Message | Disconnected) -> Callable[[Store, Visit], None]:
+def tell(
+    message: messages.ClientMessage | messages.ExperimenterMessage | Disconnected,
+) -> Callable[[Store, Visit], None]:
     return lambda _, visit: visit.send(message)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace as Namespace
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -135,6 +136,8 @@ def test_plan_of_an_earlier_version_has_no_plugins(robot: Path, folder: Path) ->
 def test_methods_section_lists_plugins(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), 2)
-        said = list(_plugins(Namespace(observed=read_study(store)), Namespace(simulated=True)))
+        said = list(
+            _plugins(cast(Any, Namespace(observed=read_study(store))), cast(Any, Namespace(simulated=True)))
+        )
     then = plugins_of(ENVIRONMENT)[0]
     assert said == [f"Plug-ins, with the hash of their files: robot Jaco: {then}, 2 trials."]

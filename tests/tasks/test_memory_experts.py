@@ -41,7 +41,7 @@ def next_tilt(
     tilt_rad: float, distance_m: float = 0.0, rests: np.ndarray = YES, away: np.ndarray = NO
 ) -> float:
     tilt, pours, distance = (np.array([value]) for value in (tilt_rad, POURS_RAD, distance_m))
-    return memory_expert._next_tilt_rad(tilt, pours, distance, rests, away)[0]
+    return memory_expert._next_tilt_rad(CONTROL_STEP_S, tilt, pours, distance, rests, away)[0]
 
 
 def test_heads_turn_by_what_they_are_turned(state):
@@ -67,8 +67,8 @@ def test_water_is_poured_into_a_mouth_that_is_near_and_rests():
     pouring = POURS_RAD - 0.5 * SPILL_MARGIN_RAD
     assert next_tilt(pouring) > pouring
     assert next_tilt(pouring, distance_m=POUR_START_DISTANCE_M + 0.001) == pouring
-    for stops in ({"rests": NO}, {"away": YES}, {"distance_m": 0.06}):
-        assert_allclose(next_tilt(pouring, **stops), expert.POUR_START_TILT_RAD)
+    for tilt_rad in (next_tilt(pouring, rests=NO), next_tilt(pouring, away=YES), next_tilt(pouring, 0.06)):
+        assert_allclose(tilt_rad, expert.POUR_START_TILT_RAD)
 
 
 def test_a_cup_is_tilted_the_more_slowly_the_nearer_its_water_is_to_the_rim():
@@ -170,6 +170,7 @@ def test_the_memory_expert_succeeds_more_often_in_drinking(robot):
         return success.mean()
 
     task = reset_episodes(robot, "zoo/train", 1).task
+    assert task.memory_expert is not None
     patience = successes(filtered(task.memory_expert))
     assert patience > 0.6
     assert patience > successes(filtered(task.feedback_expert))

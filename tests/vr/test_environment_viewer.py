@@ -197,4 +197,4 @@ def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> 
         watcher.load()
         watcher.run(10.0)
         ends.append(place(watcher.inbox(State)[-1]))
-    assert not np.array_equal(*ends)
+    assert not np.array_equal(ends[0], ends[1])

@@ -42,8 +42,8 @@ def as_stored(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
     """How far points of one surface are from the other."""
-    points, _ = trimesh.sample.sample_surface(one, SAMPLES, seed=0)
-    places, of_face = trimesh.sample.sample_surface(other, PLACES, seed=1)
+    points, *_ = trimesh.sample.sample_surface(one, SAMPLES, seed=0)
+    places, of_face, *_ = trimesh.sample.sample_surface(other, PLACES, seed=1)
     places = np.concatenate([places, other.triangles_center])
     of_face = np.concatenate([of_face, np.arange(len(other.faces))])
     _, near = cKDTree(places).query(points, k=NEAREST)

@@ -123,8 +123,9 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.run_until("trial")
     visit.leave()
     (recording,) = visit.recordings()
-    assert recording.configuration.headset_check.display_hz == 90.0
-    assert recording.configuration.headset_check.stop == "palm"
+    recorded = recording.configuration.headset_check
+    assert recorded is not None
+    assert (recorded.display_hz, recorded.stop) == (90.0, "palm")
 
 
 @pytest.mark.fast_cases(2)

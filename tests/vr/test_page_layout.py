@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, FloatRect, Locator, Page
 
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
@@ -96,7 +96,7 @@ def test_the_stop_button_is_visible_and_works_at_every_size(
             if not stop.evaluate(UNCOVERED):
                 faults.append((width, height, end, "covered"))
             before = staged.kinds().count("stop")
-            press(page, stop.bounding_box())
+            press(page, box_of(stop))
             if not became(lambda before=before: staged.kinds().count("stop") > before, page):
                 faults.append((width, height, end, "does nothing"))
     assert faults == []
@@ -105,8 +105,13 @@ def test_the_stop_button_is_visible_and_works_at_every_size(
     page.close()
 
 
-def press(page: Page, box: dict | None) -> None:
+def box_of(button: Locator) -> FloatRect:
+    box = button.bounding_box()
     assert box is not None
+    return box
+
+
+def press(page: Page, box: FloatRect) -> None:
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
@@ -158,7 +163,7 @@ def test_controls_do_not_overlap_while_playing(browser: Browser, said: list[Mess
     for width, height in SIZES:
         staged.page.set_viewport_size({"width": width, "height": height})
         staged.page.wait_for_timeout(50.0)
-        boxes = dict(
+        boxes: dict[str, list[float]] = dict(
             zip(
                 ("card", "hand", "emergency"),
                 staged.page.evaluate(RECTANGLES, ["card", "hand", "emergency"]),
@@ -185,13 +190,12 @@ def test_the_hands_buttons_form_a_cross(browser: Browser, said: list[Message]) -
     for size in FEW:
         staged.page.set_viewport_size({"width": size[0], "height": size[1]})
         place = {
-            button.get_attribute("data-code"): button.bounding_box()
+            button.get_attribute("data-code"): box_of(button)
             for button in staged.page.locator("#hand button").all()
         }
         up, down, left, right, ahead, back = (
             place[f"Key{letter}"] for letter in ("E", "Q", "A", "D", "W", "S")
         )
-        assert all(place.values())
         assert up["x"] == down["x"]
         assert left["y"] == right["y"]
         assert up["y"] < left["y"] < down["y"]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -63,7 +64,7 @@ class Spoiled(Visit):
 
     def happened(self, kind: type) -> list[str]:
         """The parts that events of a kind name."""
-        return [each.part for each in self.observed if isinstance(each, kind)]
+        return [cast(Any, each).part for each in self.observed if isinstance(each, kind)]
 
 
 def visiting(folder: Path, task: str, *, steps: int = 40, free_movement_s: float = 0.1) -> Spoiled:

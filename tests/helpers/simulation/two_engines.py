@@ -46,5 +46,5 @@ def copy_state(both: list[Episodes]) -> None:
     """Copy the state of the worlds on threads to Warp."""
     threads, warp = (episodes.simulation for episodes in both)
     for world in range(threads.num_worlds):
-        warp.restore(threads.integration_state(world), world)
+        warp.set_integration_state(threads.integration_state(world), world)
     both[1].task_state = both[0].task_state

@@ -3,6 +3,7 @@
 import random
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -250,7 +251,7 @@ class FaultyStudy:
 
     def _frame(self) -> Tracking:
         frame = self.participant.frame(self.now_s, moving=self.phase != "calibration")
-        changes: dict[str, object] = dict.fromkeys(self._missing)
+        changes: dict[str, Any] = dict.fromkeys(self._missing)
         for hand in {"left", "right"} & self._missing:
             changes[f"{hand}_modality"] = "none"
         if self._switched:
