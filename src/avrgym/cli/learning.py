@@ -57,10 +57,11 @@ OMITTED = (
     "starts_refused",
 )
 """Keys of the rows of `evaluate` that its table omits."""
-ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
+ADAPTIVE, PAPER, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual")
 OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
     PAPER: ("--config",),
+    VISUAL: ("--config", "--people", "--impairment", "--cluster", "--engine", "--withdraw-after-success"),
 }
 RECIPE_OF_OPTION = {
     "--teacher": ADAPTIVE,
@@ -130,7 +131,8 @@ def train(
         typer.Option(
             help="How to train. By default: imitation, then PPO. adaptive: a recurrent policy by imitation and PPO, "
             "with zoo/train and every impairment. paper: PPO alone, ten million steps. pair: robot and human "
-            "together; the human has the bodies of the people.",
+            "together; the human has the bodies of the people. visual: imitate the policy revised with the depth image "
+            "of the wrist camera.",
         ),
     ] = None,
     teacher: Annotated[
@@ -280,7 +282,12 @@ def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
 ) -> "AnyConfiguration":
     """The configuration of a new training; options that are None have the recipe's default."""
-    from avrgym.learning.configuration import Pairing, RecurrentConfiguration, configuration_for
+    from avrgym.learning.configuration import (
+        Pairing,
+        RecurrentConfiguration,
+        VisualConfiguration,
+        configuration_for,
+    )
     from avrgym.learning.hyperparameter_files import read_hyperparameters
     from avrgym.learning.hyperparameters import PAPER as OF_PAPER
     from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
@@ -290,6 +297,8 @@ def _configuration(
     given = {name: options[name] for name in names if options[name] is not None}
     if recipe == ADAPTIVE:
         return RecurrentConfiguration(environment=env, seed=seed, **given)
+    if recipe == VISUAL:
+        return VisualConfiguration(environment=env, seed=seed, **given)
     hyperparameters = OF_PAPER if recipe == PAPER else None
     if config is not None:
         hyperparameters = read_hyperparameters(config, env)
@@ -314,6 +323,7 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
     """The configuration of the training in a folder, which must be of the environment and the recipe."""
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
+        VisualConfiguration,
         stored_configuration,
     )
 
@@ -321,11 +331,13 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
     if configuration.environment != env:
         raise ValueError(f"{folder} contains a training of {configuration.environment}, not of {env}")
     recurrent = isinstance(configuration, RecurrentConfiguration)
+    visual = isinstance(configuration, VisualConfiguration)
     fits = {
         None: True,
         ADAPTIVE: recurrent,
-        PAPER: not recurrent,
-        PAIR: not recurrent and configuration.pairing,
+        VISUAL: visual,
+        PAPER: not recurrent and not visual,
+        PAIR: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
         raise ValueError(f"{folder} contains no training of --recipe {recipe}")
@@ -344,7 +356,7 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
     from avrgym.learning.training import LOG_FOLDER
 
     log = folder / LOG_FOLDER
-    with_recipe = f" --recipe {ADAPTIVE}" if recipe == ADAPTIVE else ""
+    with_recipe = f" --recipe {recipe}" if recipe in (ADAPTIVE, VISUAL) else ""
     again = f"avrgym train {env}{with_recipe} --resume --out {shlex.quote(str(folder))}"
     log_is_shown = False
     with progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:

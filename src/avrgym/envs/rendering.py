@@ -1,7 +1,5 @@
 """Renders images of a world: the scene with the person's clothed body, seen by a camera."""
 
-import warnings
-from functools import cache
 from typing import Any
 
 import mujoco
@@ -9,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.collision_bits import VISUAL_GROUP
+from avrgym.models.cameras import add_surroundings, visible_groups
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.system.mujoco_setup import RENDERING_HINT
+from avrgym.tasks.camera_images import HIDDEN_GROUP, graphics_error
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
@@ -22,7 +21,6 @@ SHADOW_PX = 2048
 """Half of MuJoCo's default, sufficient for a scene of 2 m; saves a quarter of the time without a graphics card."""
 EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
 """Vertical field of view of a Quest 3."""
-HIDDEN_GROUP = 5
 
 
 class Camera:
@@ -45,7 +43,7 @@ class Camera:
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
         spec = build_spec(scene, episodes.person_in(world), moving=simulation.moving, appearance=True)
-        _add_surroundings(spec)
+        add_surroundings(spec)
         _add_eyes(spec, episodes.person_in(world))
         self._model = spec.compile()
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = height_px, width_px
@@ -66,7 +64,7 @@ class Camera:
         self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, self._viewpoint, _visible_groups())
+        self._renderer.update_scene(self._data, self._viewpoint, visible_groups())
         self._add_marks()
         return self._renderer.render()
 
@@ -115,26 +113,13 @@ class Renderer:
 
     def close(self) -> None:
         """Free the camera; the next image gets a new one."""
+        self.close_camera()
+
+    def close_camera(self) -> None:
+        """Free the camera of ``render`` when an episode ends."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None
-
-
-def _add_surroundings(spec: mujoco.MjSpec) -> None:
-    """Add a visible floor and sky, and light from above and in front of the person."""
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20.0, 20.0, 0.1], rgba=[0.72, 0.71, 0.68, 1.0],
-        group=VISUAL_GROUP, contype=0, conaffinity=0,
-    )  # fmt: skip
-    spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.4, -2.6, 3.2], dir=[-0.15, 0.7, -1.0],
-        diffuse=[0.6] * 3, specular=[0.2] * 3, castshadow=True,
-    )  # fmt: skip
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
-    spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.86, 0.89, 0.92], rgb2=[0.62, 0.66, 0.70], width=64, height=384,
-    )  # fmt: skip
 
 
 def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
@@ -161,30 +146,8 @@ def _camera(view: View) -> mujoco.MjvCamera:
     return camera
 
 
-def _visible_groups() -> mujoco.MjvOption:
-    option = mujoco.MjvOption()
-    option.geomgroup[:] = 0
-    option.geomgroup[VISUAL_GROUP] = 1
-    option.sitegroup[:] = 0
-    return option
-
-
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
-    error = _graphics_error()
+    error = graphics_error()
     if error is not None:
         raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
     return mujoco.Renderer(model, height_px, width_px)
-
-
-@cache
-def _graphics_error() -> str | None:
-    """The reason why nothing can be rendered; cached, because a second attempt without a graphics library ends the
-    process.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            mujoco.Renderer(mujoco.MjSpec().compile(), 1, 1).close()
-    except Exception as error:  # each graphics library has exceptions of its own
-        return f"{type(error).__name__}: {error}"
-    return None

@@ -1,6 +1,6 @@
 """The Gymnasium environment of one world."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from inspect import currentframe
 from types import FrameType
 from typing import Any, ClassVar
@@ -9,10 +9,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from avrgym.array_types import Float32Array, FloatArray
+from avrgym.array_types import Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, plain_seed
+from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, as_cameras, image_entries
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import checked_actions
@@ -29,15 +30,29 @@ def metadata_of(episodes: Episodes) -> dict[str, Any]:
     return {**METADATA, "render_fps": episodes.settings.control_hz}
 
 
-def spaces_of(episodes: Episodes) -> tuple[gym.Space[FloatArray], gym.Space[Float32Array]]:
-    """Returns the spaces of observations (O,) and actions (J,), one number for each joint of the arm."""
+Observed = FloatArray | dict[str, NumpyArray]
+"""An observation (O,), or with cameras ``state`` and images by the names of ``CameraSpec.entries``."""
+
+
+def spaces_of(
+    episodes: Episodes, cameras: Sequence[CameraSpec] = ()
+) -> tuple[gym.Space[Any], gym.Space[Float32Array]]:
+    """Returns the spaces of observations (O,), or with cameras of ``state`` and images, and of actions (J,).
+
+    An action has one number for each joint of the arm.
+    """
     bound = episodes.observation.bound
-    observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
+    observation: gym.Space[Any] = gym.spaces.Box(-bound, bound, dtype=np.float64)
+    if cameras:
+        spaces: dict[str, gym.Space[Any]] = {STATE: observation}
+        for name, (shape, dtype, largest) in image_entries(cameras).items():
+            spaces[name] = gym.spaces.Box(0, largest, shape, dtype)
+        observation = gym.spaces.Dict(spaces)
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, Renderer, gym.Env[FloatArray, Float32Array]
+    SerializableSpec, Renderer, gym.Env[Observed, Float32Array]
 ):
     """One world.
 
@@ -59,11 +74,13 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         max_episode_steps: int = EPISODE_STEPS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
         """See ``Episodes`` for people, person, impairment, withdrawal and force guard, ``Settings`` for the rest.
 
-        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
+        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end. With
+        ``cameras``, names or ``CameraSpec``, observations are dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range, with the allowed values.
@@ -84,21 +101,22 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             settings=as_settings(settings),
         )
         self.metadata = metadata_of(self.episodes)
-        self.observation_space, self.action_space = spaces_of(self.episodes)
+        self._cameras = as_cameras(cameras, self.episodes.scene.robot)
+        self.observation_space, self.action_space = spaces_of(self.episodes, self._cameras)
         self._steps_left = 0
 
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[FloatArray, dict[str, Any]]:
+    ) -> tuple[Observed, dict[str, Any]]:
         """Start an episode; without a seed the random stream continues. The info describes the start."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
-        self.close()
+        self.close_camera()
         start = self.episodes.evaluate_state()
-        return start.observation[0], info_of(start)
+        return self._observed(start), info_of(start)
 
-    def step(self, action: Float32Array) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float32Array) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Take one control step; the episode is truncated after ``max_episode_steps`` and never terminates.
 
         Raises:
@@ -111,7 +129,18 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
         step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
-        return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, info_of(step)
+        return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, info_of(step)
+
+    def close(self) -> None:
+        """Free the graphics memory; the next image allocates it again."""
+        super().close()
+        self.episodes.close_images()
+
+    def _observed(self, step: Step) -> Observed:
+        if not self._cameras:
+            return step.observation[0]
+        images = self.episodes.images(self._cameras)
+        return {STATE: step.observation[0], **{name: image[0] for name, image in images.items()}}
 
 
 class _SingleEntry:

@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
@@ -34,9 +35,11 @@ class SerializableSpec:
 
 
 def plain(value: Any) -> Any:
-    """Returns a value as JSON represents it; a person becomes the table of their fields."""
+    """Returns a value as JSON represents it; a person or a camera becomes the table of their fields."""
     if isinstance(value, Person):
         return plain(asdict(value))
+    if isinstance(value, msgspec.Struct):
+        return plain(msgspec.to_builtins(value))
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, np.ndarray | np.generic):

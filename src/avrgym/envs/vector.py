@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
-from avrgym.envs.single import check_render_mode, metadata_of, spaces_of
+from avrgym.envs.single import Observed, check_render_mode, metadata_of, spaces_of
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import (
     RandomStreams,
@@ -25,6 +25,7 @@ from avrgym.envs.vector_conventions import (
     reset_mask,
     select_worlds,
 )
+from avrgym.models.cameras import STATE, AnyCamera, as_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
@@ -36,7 +37,7 @@ from avrgym.tasks.settings import as_settings
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, VectorEnv[FloatArray, Float32Array, NumpyArray]
+    SerializableSpec, VectorEnv[Observed, Float32Array, NumpyArray]
 ):
     """N worlds stepped together, with the behaviour of ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
@@ -63,18 +64,20 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         engine: str = THREADS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
         """See ``Episodes`` for people, person, impairment, threads, engine, withdrawal and force guard.
 
         ``Settings`` describes the other keyword arguments.
-        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
+        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end. With
+        ``cameras``, names or ``CameraSpec``, observations are dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range, with the allowed values.
             RuntimeError: if a package that the engine needs is not installed.
         """
-        self._cameras: dict[int, Camera] = {}
+        self._views: dict[int, Camera] = {}
         check_render_mode(render_mode, environment_id)
         check_count("num_envs", num_envs)
         check_length(max_episode_steps)
@@ -95,7 +98,10 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             settings=as_settings(settings),
         )
         self.metadata = {**metadata_of(self.episodes), "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
+        self._cameras = as_cameras(cameras, self.episodes.scene.robot)
+        if self._cameras and engine != THREADS:
+            raise ValueError(f"cameras are rendered on the host; allowed: the engine {THREADS}, not {engine}")
+        self.single_observation_space, self.single_action_space = spaces_of(self.episodes, self._cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._now: Step | None = None
@@ -106,7 +112,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy continues to the same bits and renders with its own cameras."""
-        return {**self.__dict__, "_cameras": {}}
+        return {**self.__dict__, "_views": {}}
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -120,7 +126,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def reset(
         self, *, seed: Seeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[FloatArray, dict[str, Any]]:
+    ) -> tuple[Observed, dict[str, Any]]:
         """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
         World i with seed s is the single environment with seed s + i. A list has a seed for each world, or None where
@@ -136,11 +142,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._random.reseed(seed, which)
         self._ended = self._ended & ~which
         start = self._begin(which)
-        return start.observation.copy(), infos(start, which)
+        return self._observed(start), infos(start, which)
 
     def step(
         self, actions: Float32Array
-    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+    ) -> tuple[Observed, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Take one control step in all worlds.
 
         Raises:
@@ -155,12 +161,29 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._now = step
         self._steps += 1
         truncated = (self._steps == self.max_episode_steps) & ~ended
-        final = final_infos(step, truncated) if same_step and truncated.any() else {}
+        final = self._final_infos(step, truncated) if same_step and truncated.any() else {}
         self._ended = np.zeros_like(truncated) if same_step else truncated
         now = self._begin(truncated if same_step else ended)
         told = infos(now, np.ones(self.num_envs, dtype=bool))
         reward = np.where(ended, 0.0, step.reward)
-        return now.observation.copy(), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
+        return self._observed(now), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
+
+    def _observed(self, step: Step) -> Observed:
+        """Observations of all worlds; images are of the present state."""
+        if not self._cameras:
+            return step.observation.copy()
+        return {STATE: step.observation.copy(), **self.episodes.images(self._cameras)}
+
+    def _final_infos(self, step: Step, ended: BoolArray) -> dict[str, Any]:
+        """The last observations and infos of worlds (N,), before their next episodes start."""
+        final = final_infos(step, ended)
+        if self._cameras:
+            worlds = np.nonzero(ended)[0].tolist()
+            images = self.episodes.images(self._cameras, worlds)
+            for row, world in enumerate(worlds):
+                seen = {name: image[row] for name, image in images.items()}
+                final["final_obs"][world] = {STATE: final["final_obs"][world], **seen}
+        return final
 
     def _check_running(self) -> None:
         if self._now is None:
@@ -178,8 +201,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             return self._now
         self._steps[ids] = 0
         for world in ids.tolist():
-            if world in self._cameras:
-                self._cameras.pop(world).close()
+            if world in self._views:
+                self._views.pop(world).close()
         self.episodes.reset(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.evaluate_state()
         self._now = start if self._now is None else select_worlds(which, start, self._now)
@@ -221,19 +244,20 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return tuple(self._picture(world) for world in range(self.num_envs))
 
     def _picture(self, world: int) -> NDArray[np.uint8]:
-        if world not in self._cameras:
-            self._cameras[world] = Camera(self.episodes, world)
-        return self._cameras[world].picture()
+        if world not in self._views:
+            self._views[world] = Camera(self.episodes, world)
+        return self._views[world].picture()
 
     def picture(self, world: int) -> NDArray[np.uint8] | None:
         """Returns an image (480, 640, 3) of one world with the render mode ``rgb_array``, else ``None``."""
         return None if self.render_mode is None else self._picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the cameras."""
-        for camera in self._cameras.values():
-            camera.close()
-        self._cameras.clear()
+        """Free the graphics memory."""
+        for view in self._views.values():
+            view.close()
+        self._views.clear()
+        self.episodes.close_images()
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -7,10 +7,10 @@ from typing import Any, Self
 
 import msgspec
 
-from avrgym.learning.hyperparameters import RECURRENT, Hyperparameters, hyperparameters_of
+from avrgym.learning.hyperparameters import RECURRENT, VISUAL, Hyperparameters, hyperparameters_of
 from avrgym.networks.policy import FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.population_names import ORIGINAL, TRAIN_ZOO
+from avrgym.people.population_names import ORIGINAL, REVISED, TRAIN_ZOO
 from avrgym.people.populations import is_trained, transferred_people
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_atomically
@@ -20,6 +20,8 @@ from avrgym.tasks.settings import DEFAULTS, Settings
 CONFIGURATION_FILE = "configuration.json"
 RECURRENT_FILE = "adaptive.json"
 """The configuration of a training by the recipe ``adaptive``."""
+VISUAL_FILE = "visual.json"
+"""The configuration of a training by the recipe ``visual``."""
 PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
 """Name of the copy of the file of people, or of the folder of trained humans, in a training's folder."""
 LEARNING_VERSION = 2
@@ -187,7 +189,33 @@ class RecurrentConfiguration(TrainingConfiguration):
         return max(0.0, (update - first) / max(1, self.updates - first))
 
 
-AnyConfiguration = FeedforwardConfiguration | RecurrentConfiguration
+@dataclass(frozen=True, kw_only=True)
+class VisualConfiguration(TrainingConfiguration):
+    """A training of a policy with vision.
+
+    It imitates ``teacher``, a policy by its name or file, with images of the ``camera``, see ``models.cameras``.
+    """
+
+    people: str = REVISED
+    steps: int = 32_768
+    num_envs: int = 128
+    threads: int = 1
+    teacher: str = "revised"
+    camera: str = "wrist:64x64:depth"
+
+    @property
+    def update_steps(self) -> int:
+        return self.num_envs * VISUAL.episode_steps
+
+    @property
+    def imitation_updates(self) -> int:
+        return self.updates
+
+    def with_steps(self, steps: int) -> Self:
+        return replace(self, steps=steps)
+
+
+AnyConfiguration = FeedforwardConfiguration | RecurrentConfiguration | VisualConfiguration
 
 
 def configuration_for(
@@ -221,14 +249,14 @@ def configuration_for(
 
 def store(configuration: AnyConfiguration, out: Path) -> None:
     """Write a configuration into the folder of its training."""
-    recurrent = isinstance(configuration, RecurrentConfiguration)
-    path = out / (RECURRENT_FILE if recurrent else CONFIGURATION_FILE)
+    files: dict[type, str] = {RecurrentConfiguration: RECURRENT_FILE, VisualConfiguration: VISUAL_FILE}
+    path = out / files.get(type(configuration), CONFIGURATION_FILE)
     write_atomically(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
 def contains_training(out: Path) -> bool:
     """Whether a folder contains a training."""
-    return (out / CONFIGURATION_FILE).exists() or (out / RECURRENT_FILE).exists()
+    return any((out / name).exists() for name in (CONFIGURATION_FILE, RECURRENT_FILE, VISUAL_FILE))
 
 
 def stored_configuration(out: Path) -> AnyConfiguration:
@@ -239,12 +267,12 @@ def stored_configuration(out: Path) -> AnyConfiguration:
     """
     if not contains_training(out):
         raise ValueError(f"{out} contains no training to resume")
-    recurrent = (out / RECURRENT_FILE).exists()
-    path, kind = (
-        (out / RECURRENT_FILE, RecurrentConfiguration)
-        if recurrent
-        else (out / CONFIGURATION_FILE, FeedforwardConfiguration)
-    )
+    kinds = {
+        RECURRENT_FILE: RecurrentConfiguration,
+        VISUAL_FILE: VisualConfiguration,
+        CONFIGURATION_FILE: FeedforwardConfiguration,
+    }
+    path, kind = next((out / name, kind) for name, kind in kinds.items() if (out / name).exists())
     try:
         stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
         configuration = msgspec.convert(
@@ -252,7 +280,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
         )
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(f"{path}: {error}") from error
-    version = LEARNING_VERSION if recurrent else stored.get("learning_version")
+    version = stored.get("learning_version") if kind is FeedforwardConfiguration else LEARNING_VERSION
     if version != LEARNING_VERSION:
         raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
     return configuration

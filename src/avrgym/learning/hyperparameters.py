@@ -2,7 +2,8 @@
 
 ``Hyperparameters`` are those of feed-forward policies: imitation, then PPO. A user changes them with
 ``avrgym train --config FILE``. ``TASK_CHANGES`` lists the values of single tasks, ``PAPER`` those of ``--recipe
-paper``, ``IMITATION`` and ``RECURRENT`` the fixed values of imitation and of ``--recipe adaptive``.
+paper``, ``IMITATION``, ``RECURRENT`` and ``VISUAL`` the fixed values of imitation and of ``--recipe adaptive`` and
+``visual``.
 """
 
 from collections.abc import Mapping
@@ -199,8 +200,31 @@ class Recurrent:
     """Reward penalty in PPO where a body region bears its transient limit, see ``rollouts.RolloutRequest``."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Visual:
+    """Imitation of a teacher by a policy with vision (``--recipe visual``)."""
+
+    episode_steps: int = 32
+    """Control steps of each episode in training. The teacher feeds within 23 in 95 % of episodes."""
+    expert_share: float = 0.5
+    """As in ``Imitation``."""
+    noise_std: float = 0.3
+    """Standard deviation of the noise on the teacher's actions."""
+    action_weight: float = 2.0
+    """Weight of the squared error of actions, relative to the error of normalised estimates."""
+    batch_size: int = 128
+    gradient_steps: int = 500
+    last_gradient_steps: int = 6000
+    """Minibatches after a round, and after the last one."""
+    learning_rate: float = 1e-3
+    lr_decay: float = 0.3
+    last_lr_decay: float = 0.01
+    """As in ``Imitation``."""
+
+
 IMITATION = Imitation()
 RECURRENT = Recurrent()
+VISUAL = Visual()
 
 
 def hyperparameters_of(environment: str) -> Hyperparameters:

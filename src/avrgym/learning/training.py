@@ -18,11 +18,12 @@ import msgspec
 import numpy as np
 import torch
 
-from avrgym.learning import feedforward_recipe, recurrent_recipe
+from avrgym.learning import feedforward_recipe, recurrent_recipe, visual_recipe
 from avrgym.learning.configuration import (
     AnyConfiguration,
     FeedforwardConfiguration,
     RecurrentConfiguration,
+    VisualConfiguration,
     configuration_for,
     contains_training,
     store,
@@ -36,6 +37,7 @@ from avrgym.learning.imitation import DEMONSTRATIONS_FOLDER
 from avrgym.learning.ppo import LOG_FOLDER
 from avrgym.learning.recipe import CurvePoint, Recipe
 from avrgym.learning.recurrent_recipe import RecurrentRecipe
+from avrgym.learning.visual_recipe import VisualRecipe
 from avrgym.people.impairments import find_impairment
 from avrgym.people.populations import HUMAN_FILE, is_trained
 from avrgym.policies.trained import Policy, PolicyMetadata
@@ -115,6 +117,8 @@ def train(
     _check(configuration, configuration.people, cluster)
     recurrent = isinstance(configuration, RecurrentConfiguration)
     copied = recurrent_recipe.given_policies(configuration) if recurrent else {}
+    if isinstance(configuration, VisualConfiguration):
+        copied = {visual_recipe.TEACHER_FILE: visual_recipe.given_teacher(configuration)}
     if Path(configuration.people).is_dir() and is_trained(configuration.people):
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
@@ -184,9 +188,9 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
     task_and_scene(configuration.environment, configuration.settings)
     environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
-    if isinstance(configuration, RecurrentConfiguration):
+    if isinstance(configuration, RecurrentConfiguration | VisualConfiguration):
         if cluster is not None:
-            raise ValueError("a recurrent policy is trained in this process; leave out --cluster")
+            raise ValueError("a recurrent or visual policy is trained in this process; leave out --cluster")
         return
     find_impairment(configuration.impairment)
     check_ready(configuration.engine)
@@ -212,6 +216,8 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
 def _recipe(configuration: AnyConfiguration, out: Path, cluster: "Cluster | None") -> Recipe:
     if isinstance(configuration, RecurrentConfiguration):
         return RecurrentRecipe(configuration, out)
+    if isinstance(configuration, VisualConfiguration):
+        return VisualRecipe(configuration, out)
     return FeedforwardRecipe(configuration, out, cluster)
 
 

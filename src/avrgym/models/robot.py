@@ -101,6 +101,24 @@ class Mount:
         return self.carrier is None
 
 
+@dataclass(frozen=True)
+class CameraMount:
+    """A camera that a robot carries, apart from the one at the wrist, see ``models.cameras``.
+
+    Attributes:
+        body: body of the robot's model.
+        pos_m: position in the body's frame.
+        forward, up: directions in the body's frame.
+        fovy_deg: vertical field of view.
+    """
+
+    body: str
+    pos_m: tuple[float, float, float]
+    forward: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fovy_deg: float
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """A robot. It can do the tasks for which it has arm, mount and grip.
@@ -116,6 +134,7 @@ class Robot:
         grips: by the tool's name.
         half_width_m: half the width of a square base on the floor.
         fixed_joints: positions of the other joints, radians or metres; 0 by default.
+        cameras: cameras by name, such as ``head``.
     """
 
     name: str
@@ -127,6 +146,7 @@ class Robot:
     grips: Mapping[str, Grip]
     half_width_m: float = 0.0
     fixed_joints: Mapping[str, float] = field(default_factory=dict[str, float])
+    cameras: Mapping[str, CameraMount] = field(default_factory=dict[str, CameraMount])
 
 
 class UnsuitableError(ValueError):

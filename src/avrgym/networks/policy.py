@@ -19,11 +19,12 @@ import safetensors.numpy
 
 from avrgym.geometry import elementary
 from avrgym.networks.layers import Memory, frozen, product
+from avrgym.networks.vision import VISION_TENSORS, Vision
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
-FORMAT_VERSION, RECURRENT_FORMAT_VERSION = 2, 3
-"""Versions of files of policies without and with a memory."""
+FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION = 2, 3, 4
+"""Versions of files of policies without and with a memory, and of feed-forward policies with vision."""
 FILE_SUFFIX = ".safetensors"
 
 _HEADER = "avrgym_policy"
@@ -61,7 +62,8 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ``success_rate``. ``curve`` has points of environment steps, mean reward and success rate of the latest episodes.
     ``human`` is set for a trained human. ``plugins`` are the versions of task and robot, if other packages register
     them; old files do not contain them. ``force_guard``: the policy was trained behind the force guard. ``settings``
-    are the changed ones of ``tasks.settings.Settings``.
+    are the changed ones of ``tasks.settings.Settings``. ``camera``: the camera of a policy with vision, such as
+    ``wrist:64x64:depth``.
     """
 
     environment: str
@@ -77,6 +79,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     plugins: tuple[UsedPlugin, ...] = ()
     force_guard: bool = False
     settings: dict[str, Any] = {}
+    camera: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,7 @@ class Policy:
         action_std: Standard deviation of each action around its mean; 0 for no noise.
         metadata: Description of the training.
         memory: Its input is the normalised observation.
+        vision: Replaces entries of the normalised observation by estimates from an image.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -107,6 +111,7 @@ class Policy:
     action_std: float
     metadata: PolicyMetadata
     memory: Memory | None = None
+    vision: Vision | None = None
 
     def __post_init__(self):
         for name in ("weights", "biases"):
@@ -151,8 +156,12 @@ class Policy:
             raise PolicyError("this policy is recurrent; use it with `policies.actors.Actor`")
         return self.step(observations, np.zeros((len(observations), 0)))[0]
 
-    def step(self, observations: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        self, observations: np.ndarray, memory: np.ndarray, image: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Mean actions (N, action) for observations (N, observation), and the memory (N, memory) after them.
+
+        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.network_input``.
 
         At the start of an episode the memory is zero. Sums have a fixed order: neither batch size nor processor changes
         the bits of a row.
@@ -162,6 +171,10 @@ class Policy:
                 f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
             )
         rows = self._normalise(np.array(observations, np.float64, order="C"))
+        if self.vision is not None:
+            if image is None:
+                raise PolicyError(f"this policy needs images of the camera {self.metadata.camera}")
+            rows = self._clip(self.vision.fill(rows, image))
         if self.memory is not None:
             memory = self.memory.after(rows, memory)
             rows = np.concatenate([rows, memory], axis=1)
@@ -180,8 +193,10 @@ class Policy:
 
     def _normalise(self, observations: np.ndarray) -> np.ndarray:
         deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
-        normalised = (observations - self.observation_mean) / deviation
-        return np.clip(normalised, -self.observation_clip, self.observation_clip)
+        return self._clip((observations - self.observation_mean) / deviation)
+
+    def _clip(self, rows: np.ndarray) -> np.ndarray:
+        return np.clip(rows, -self.observation_clip, self.observation_clip)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Write a complete file or nothing; an existing file is replaced only with ``overwrite``."""
@@ -189,8 +204,10 @@ class Policy:
         if path.exists() and not overwrite:
             raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
         version = FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
+        if self.vision is not None:
+            version = VISUAL_FORMAT_VERSION
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
-        for name in ("human", "plugins", "force_guard", "settings"):
+        for name in ("human", "plugins", "force_guard", "settings", "camera"):
             if not header[name]:
                 del header[name]  # the files stay readable by versions without these fields
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
@@ -253,6 +270,10 @@ def _check_shapes(policy: Policy) -> None:
     _check_shape("observation.mean", policy.observation_mean, (None,))
     size = policy.observation_mean.shape
     _check_shape("observation.variance", policy.observation_variance, size)
+    if (policy.vision is None) != (policy.metadata.camera == ""):
+        raise PolicyError("a policy needs both vision and a camera, or neither")
+    if policy.vision is not None and policy.memory is not None:
+        raise PolicyError("a policy has vision or a memory; both together are not allowed")
     if policy.memory is not None:
         _check_memory(policy.memory, size[0])
         size = (size[0] + policy.memory.units,)
@@ -291,6 +312,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
         "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
         _ACTION_STD: np.array([policy.action_std], np.float64),
         **memory,
+        **({} if policy.vision is None else policy.vision.tensors()),
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
     }
@@ -306,7 +328,11 @@ def _narrowed(array: np.ndarray) -> np.ndarray:
 def _read(file: Any) -> Policy:
     version, metadata = _read_metadata(file.metadata() or {})
     names = set(file.keys())
-    fixed = (*_FIXED_TENSORS, *(_MEMORY_TENSORS.values() if version == RECURRENT_FORMAT_VERSION else ()))
+    others = {
+        RECURRENT_FORMAT_VERSION: tuple(_MEMORY_TENSORS.values()),
+        VISUAL_FORMAT_VERSION: VISION_TENSORS,
+    }
+    fixed = (*_FIXED_TENSORS, *others.get(version, ()))
     layers = (len(names) - len(fixed)) // 2
     weights = [f"actor.{layer}.weight" for layer in range(layers)]
     biases = [f"actor.{layer}.bias" for layer in range(layers)]
@@ -326,6 +352,9 @@ def _read(file: Any) -> Policy:
         metadata=metadata,
         memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _MEMORY_TENSORS.items()})
         if version == RECURRENT_FORMAT_VERSION
+        else None,
+        vision=Vision.of_tensors({name: _tensor(file, name) for name in VISION_TENSORS})
+        if version == VISUAL_FORMAT_VERSION
         else None,
     )
 
@@ -361,10 +390,9 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
         raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
     try:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
-        if version not in (FORMAT_VERSION, RECURRENT_FORMAT_VERSION):
-            raise PolicyError(
-                f"format version {version}; allowed: {FORMAT_VERSION} and {RECURRENT_FORMAT_VERSION}"
-            )
+        versions = FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION
+        if version not in versions:
+            raise PolicyError(f"format version {version}; allowed: {', '.join(map(str, versions))}")
         described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
     except msgspec.DecodeError as error:
         raise PolicyError(f"the header's {_HEADER!r} is wrong: {error}") from error

@@ -23,19 +23,29 @@ class Actor:
         """Clear the memory of some worlds, given by their numbers or a mask (N,)."""
         self._memory[np.asarray(worlds)] = 0.0
 
-    def act(self, observations: FloatArray, generators: Sequence[np.random.Generator]) -> FloatArray:
-        """Actions (N, A) float32 in [-1, 1] of a control step, from observations (N, O) and a generator per world."""
-        return self._policy.with_noise(self.mean(observations), generators)
+    def act(
+        self,
+        observations: FloatArray,
+        generators: Sequence[np.random.Generator],
+        image: FloatArray | None = None,
+    ) -> FloatArray:
+        """Actions (N, A) float32 in [-1, 1] of a control step, from observations (N, O) and a generator per world.
 
-    def mean(self, observations: FloatArray) -> FloatArray:
+        ``image`` is as in ``mean``.
+        """
+        return self._policy.with_noise(self.mean(observations, image), generators)
+
+    def mean(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
         """Mean actions (N, A) of a control step, from observations (N, O).
+
+        A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.network_input``.
 
         Raises:
             PolicyError: for observations of another shape, which do not change the memory.
         """
         if len(observations) != len(self._memory):
             raise PolicyError(f"{len(observations)} observations for {len(self._memory)} worlds")
-        means, self._memory = self._policy.step(observations, self._memory)
+        means, self._memory = self._policy.step(observations, self._memory, image)
         return means
 
 

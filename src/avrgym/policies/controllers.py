@@ -15,7 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import FloatArray, NumpyArray
+from avrgym.models.cameras import AnyCamera
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
@@ -24,14 +25,22 @@ MAX_ERROR_LENGTH = 160
 """Characters of an exception that an error message contains."""
 
 
+Observed = FloatArray | dict[str, NumpyArray]
+"""An observation (O,), or with cameras ``state`` and the images of ``CameraSpec.entries``."""
+
+
 class Controller(Protocol):
-    """Drives one robot through episodes. It may also have a method ``close()``."""
+    """Drives one robot through episodes. It may also have a method ``close()``.
+
+    With an attribute ``cameras``, a list as in ``gym.make``, ``act`` receives a dictionary: ``state`` is the
+    observation (O,), and each image has an entry such as ``wrist_rgb``.
+    """
 
     def reset(self, seed: int, environment: str) -> None:
         """Start an episode of an environment, such as ``avrgym/FeedingJaco-v1``; the seed determines all randomness."""
         ...
 
-    def act(self, observation: FloatArray) -> ArrayLike:
+    def act(self, observation: Any) -> ArrayLike:
         """The action (A,) for an observation (O,), float64: joint speeds as a share of their limits, -1 to 1."""
         ...
 
@@ -47,12 +56,13 @@ class ControllerError(RuntimeError):
 class ExternalController:
     """A controller of another package or file; ``make`` creates an instance that shares no state with others.
 
-    ``plugin`` is its present version, if it is code.
+    ``plugin`` is its present version, if it is code. ``cameras``: those that it needs.
     """
 
     name: str
     make: Callable[[], Controller]
     plugin: UsedPlugin | None = None
+    cameras: tuple[AnyCamera, ...] = ()
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
@@ -63,13 +73,14 @@ def reset(controller: Controller, seed: int, environment: str) -> None:
         raise controller_error(error) from error
 
 
-def act(controller: Controller, observation: FloatArray, size: int) -> FloatArray:
-    """A controller's action (size,) for an observation (O,), within -1 to 1.
+def act(controller: Controller, observation: Observed, size: int) -> FloatArray:
+    """A controller's action (size,) for an observation, within -1 to 1.
 
     Raises:
         ControllerError: where it raises, or returns anything but ``size`` finite numbers.
     """
-    return checked_action(lambda: controller.act(np.array(observation, float)), (size,))
+    own = observation.copy() if isinstance(observation, dict) else np.array(observation, float)
+    return checked_action(lambda: controller.act(own), (size,))
 
 
 def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
@@ -210,8 +221,9 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
             )
         return controller
 
-    close(make())
-    return ExternalController(name, make, plugin)
+    first = make()
+    close(first)
+    return ExternalController(name, make, plugin, tuple(getattr(first, "cameras", ())))
 
 
 def controller_error(error: BaseException) -> ControllerError:

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, as_cameras
+from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
-from avrgym.policies.controllers import ExternalController
+from avrgym.policies.controllers import ExternalController, Observed
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
@@ -18,7 +20,7 @@ from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
-from avrgym.tasks.registry import plugins_of, sizes
+from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
 
 ActionFunction = Callable[[FloatArray], FloatArray]
@@ -160,7 +162,10 @@ def running(
         for controller, generator in zip(instances, generators, strict=True):
             controllers.reset(controller, controller_seed(generator), world.environment_id)
         yield lambda observations: np.stack(
-            [controllers.act(*pair, world.action_size) for pair in zip(instances, observations, strict=True)]
+            [
+                controllers.act(*pair, world.action_size)
+                for pair in zip(instances, observed(policy, world, observations), strict=True)
+            ]
         )
     finally:
         for controller in instances:
@@ -175,8 +180,8 @@ def action_function(
     It is for these episodes only: it contains the memory of a recurrent policy.
     """
     if isinstance(policy, Policy):
-        actor = Actor(policy, len(generators))
-        return lambda observation: actor.act(observation, generators)
+        actor, cameras = Actor(policy, len(generators)), cameras_of(policy, world.environment_id)
+        return lambda observation: actor.act(observation, generators, _network_image(world, cameras))
     if policy.name == "zero":
         return lambda observation: np.zeros((len(observation), world.action_size), np.float32)
     if policy.name == "random":
@@ -184,6 +189,49 @@ def action_function(
             [g.uniform(-1.0, 1.0, world.action_size) for g in generators]
         ).astype(np.float32)
     return world.task.expert(world)
+
+
+def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]:
+    """The cameras that a policy needs.
+
+    Raises:
+        PolicyError: for a camera that the environment's robot does not have, with the allowed ones.
+    """
+    if isinstance(policy, ExternalController):
+        wanted: Sequence[AnyCamera] = policy.cameras
+    else:
+        wanted = (policy.metadata.camera,) if isinstance(policy, Policy) and policy.metadata.camera else ()
+    try:
+        return as_cameras(wanted, task_and_scene(environment_id)[1].robot) if wanted else ()
+    except ValueError as error:
+        raise PolicyError(f"this policy cannot drive in {environment_id}: {error}") from error
+
+
+def observed(policy: ExternalController, world: Episodes, observations: FloatArray) -> list[Observed]:
+    """What each world's controller receives: its observation (O,), or with cameras a dictionary.
+
+    Args:
+        policy: the controller.
+        world: N worlds.
+        observations: (N, O).
+    """
+    cameras = cameras_of(policy, world.environment_id)
+    if not cameras:
+        return [*observations]
+    images = world.images(cameras)
+    return [
+        {STATE: row, **{name: image[number] for name, image in images.items()}}
+        for number, row in enumerate(observations)
+    ]
+
+
+def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray | None:
+    """The input (N, H, W, C) of the network of a policy with vision."""
+    if not cameras:
+        return None
+    (camera,) = cameras
+    images = world.images(cameras)
+    return network_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds})
 
 
 def controller_seed(generator: np.random.Generator) -> int:

@@ -4,6 +4,7 @@ import os
 import re
 from pathlib import Path
 
+from avrgym.models.cameras import camera_from_text
 from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError, PolicyMetadata
 
 __all__ = [
@@ -64,6 +65,8 @@ def load_policy(
             f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "
             "allowed only with `avrgym evaluate --allow-other-environment`"
         )
+    if policy.vision is not None:
+        _check_vision(policy, path)
     sizes = (policy.observation_size, policy.action_size)
     if sizes != (observation_size, action_size):
         raise PolicyError(
@@ -71,3 +74,14 @@ def load_policy(
             f"actions; {environment_id} has {observation_size} and {action_size}"
         )
     return policy
+
+
+def _check_vision(policy: Policy, path: Path) -> None:
+    """Refuse vision that does not fit the images of its camera."""
+    assert policy.vision is not None
+    try:
+        camera = camera_from_text(policy.metadata.camera)
+        channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
+        policy.vision.check(policy.observation_size, (camera.height_px, camera.width_px, channels))
+    except ValueError as error:
+        raise PolicyError(f"{path}: {error}") from error

@@ -8,6 +8,7 @@ import numpy as np
 
 from avrgym.geometry import kinematics
 from avrgym.models import robot as models
+from avrgym.models.cameras import SCENE, WRIST
 from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
 MIN_JOINTS = 6
@@ -36,6 +37,14 @@ def _check_names(robot: Robot) -> Iterator[str]:
         yield "it has no grips; allowed: at least one, by the name of the tool"
     for side, arm in robot.arms.items():
         yield from _check_arm(side, arm)
+    for name, mount in robot.cameras.items():
+        if not name.isidentifier() or name in (WRIST, SCENE):
+            yield f"unknown camera name {name!r}; allowed: identifiers except {WRIST} and {SCENE}"
+        if not np.isfinite(mount.pos_m).all() or not np.cross(mount.forward, mount.up).any():
+            yield (
+                f"the camera {name!r} has the position {mount.pos_m}, forward {mount.forward} and up {mount.up}; "
+                "allowed: finite numbers, and two different directions"
+            )
 
 
 def _check_keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Iterator[str]:
@@ -79,6 +88,7 @@ def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)
     yield from _unknown("fixed_joints", robot.fixed_joints, joints)
+    yield from _unknown("cameras", [mount.body for mount in robot.cameras.values()], bodies)
     fingers = {finger for grip in robot.grips.values() for finger in grip.fingers}
     for side, arm in robot.arms.items():
         yield from _unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies)

@@ -3,16 +3,17 @@
 Gymnasium environments, training, evaluation, live trials and replay use this class.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models import robot as robot_model
+from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
 from avrgym.people import cooperation
 from avrgym.safety.region_forces import RegionLoadRecorder
@@ -27,6 +28,9 @@ from avrgym.tasks.registry import task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import EpisodeStart, StepResult, TaskState, replace_worlds, state_arrays
 from avrgym.tasks.world_people import WorldPeople, reachable_rad
+
+if TYPE_CHECKING:
+    from avrgym.tasks.camera_images import CameraImages
 
 EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
@@ -155,6 +159,7 @@ class Episodes:
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.start_draws = np.zeros(num_worlds, dtype=int)
         """Number of draws (N,) until the present episodes had a valid start."""
+        self._images: CameraImages | None = None
         self.loop = ControlLoop(self, force_guard=force_guard, withdraw_after_success=withdraw_after_success)
         """Steps the worlds."""
 
@@ -393,6 +398,29 @@ class Episodes:
             return step.reward
         acted = np.clip(action, -1.0, 1.0)
         return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[EFFORT])
+
+    def images(
+        self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None
+    ) -> dict[str, NumpyArray]:
+        """Images (n, ...) of the present state of some worlds, or of all, by the names of ``CameraSpec.entries``.
+
+        The first call compiles the appearance. Rendering changes no state.
+
+        Raises:
+            RuntimeError: if nothing can be rendered, with a setting that may help.
+        """
+        if self._images is None or self._images.cameras != tuple(cameras):
+            from avrgym.tasks.camera_images import CameraImages  # states alone load no graphics library
+
+            self.close_images()
+            self._images = CameraImages(self, cameras)
+        return self._images.images(worlds)
+
+    def close_images(self) -> None:
+        """Free the graphics memory of ``images``."""
+        if self._images is not None:
+            self._images.close()
+            self._images = None
 
     def marks_w(self) -> FloatArray:
         """Positions (N, ``task.marks.count``, 3) of the task's marks, world frame."""

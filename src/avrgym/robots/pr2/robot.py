@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.robot import SIDES, Arm, BaseRange, Grip, Mount, Robot, Side
+from avrgym.models.robot import SIDES, Arm, BaseRange, CameraMount, Grip, Mount, Robot, Side
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.rtb_data import rtb_data_path
 
@@ -105,5 +105,9 @@ PR2 = Robot(
         joint: float(angle)
         for side in SIDES
         for joint, angle in zip(_joints(side), _pose(side, FIXED_RAD), strict=True)
+    },
+    cameras={
+        # The colour camera of the Kinect above the head: 57° wide at 4 : 3 (kinect_prosilica_camera.urdf.xacro).
+        "head": CameraMount("head_tilt_link", (-0.147, -0.018, 0.292), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 44.3)
     },
 )

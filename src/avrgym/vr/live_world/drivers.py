@@ -140,6 +140,7 @@ class ThreadedDriver:
         seed, environment = registry.controller_seed(generators[0]), episodes.environment_id
         self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
         self._pending, self._zero_action = None, zero_action(episodes)
+        self._episodes = episodes
         self._hold("")
 
     def act(self, observation: FloatArray) -> FloatArray:
@@ -150,7 +151,8 @@ class ThreadedDriver:
         elif self._ready.failure:
             self._hold(self._ready.failure)
         elif self._pending is None:
-            row, count = observation[0].copy(), self._zero_action.shape[1]
+            (row,) = registry.observed(self._controller_factory, self._episodes, observation.copy())
+            count = self._zero_action.shape[1]
             self._pending = self._request(lambda controller: controllers.act(controller, row, count))
             self._poll()
         return self._action

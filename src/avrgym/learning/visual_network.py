@@ -1,0 +1,78 @@
+"""The network of policies with vision in PyTorch, see ``networks.vision``."""
+
+# PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import relu
+
+from avrgym.array_types import FloatArray
+from avrgym.networks.policy import Policy
+from avrgym.networks.vision import Vision
+
+CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
+"""Outputs, sizes and strides of the convolutions."""
+SEEN, JOINED = 64, 96
+"""Units of the dense layers: of the image alone, and with the measured entries."""
+
+
+class VisualNetwork(nn.Module):
+    """Estimates normalised entries of the observation, and the actions of a teacher from them."""
+
+    def __init__(self, teacher: Policy, estimated: list[int], image_shape: tuple[int, int, int]) -> None:
+        """Random weights for images (H, W, C); ``estimated`` are the entries' indices."""
+        super().__init__()
+        height, width, channels = image_shape
+        convolutions: list[nn.Module] = []
+        for outputs, size, stride in zip(CHANNELS, KERNELS, STRIDES, strict=True):
+            convolutions.append(nn.Conv2d(channels, outputs, size, stride))
+            height, width, channels = (height - size) // stride + 1, (width - size) // stride + 1, outputs
+        measured = teacher.observation_size - len(estimated)
+        self.convolutions = nn.ModuleList(convolutions)
+        self.dense = nn.ModuleList(
+            [
+                nn.Linear(height * width * channels, SEEN),
+                nn.Linear(SEEN + measured, JOINED),
+                nn.Linear(JOINED, len(estimated)),
+            ]
+        )
+        self._estimated = estimated
+        self._measured = [i for i in range(teacher.observation_size) if i not in estimated]
+        self._clip = teacher.observation_clip
+        layers = zip(teacher.weights, teacher.biases, strict=True)
+        self._teacher = [tuple(torch.tensor(each, dtype=torch.float32) for each in layer) for layer in layers]
+
+    def forward(self, image: Tensor, rows: Tensor) -> Tensor:
+        """Estimates (N, E) from images (N, C, H, W) and normalised observations (N, O)."""
+        for convolution in self.convolutions:
+            image = relu(convolution(image))
+        seen = relu(self.dense[0](image.permute(0, 2, 3, 1).flatten(1)))
+        joined = torch.cat([seen, rows[:, self._measured]], dim=1)
+        return self.dense[2](relu(self.dense[1](joined)))
+
+    def actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
+        """The teacher's mean actions (N, J), given estimates instead of the entries that are not measured."""
+        filled = rows.clone()
+        filled[:, self._estimated] = estimates.clamp(-self._clip, self._clip)
+        for weight, bias in self._teacher[:-1]:
+            filled = torch.tanh(filled @ weight + bias)
+        weight, bias = self._teacher[-1]
+        return filled @ weight + bias
+
+    def vision(self) -> Vision:
+        """The network in NumPy."""
+        return Vision(
+            kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),
+            kernel_biases=tuple(_array(each.bias) for each in self.convolutions),
+            strides=np.array(STRIDES, float),
+            dense_weights=tuple(_array(each.weight).T for each in self.dense),
+            dense_biases=tuple(_array(each.bias) for each in self.dense),
+            estimated=np.array(self._estimated, float),
+        )
+
+
+def _array(tensor: Tensor | nn.Module) -> FloatArray:
+    assert isinstance(tensor, Tensor)
+    return tensor.detach().numpy().astype(np.float64)

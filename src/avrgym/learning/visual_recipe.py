@@ -1,0 +1,221 @@
+"""Recipe of policies with vision (``--recipe visual``): imitation of a trained policy that sees the whole state.
+
+The policy measures its arm's angles and the tool's pose, which follows from them. It estimates all other entries of the
+observation from the image of a camera, and acts on the estimates as the teacher acts on the true values ("learning by
+cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on the policy drives more and
+more of the worlds. The loss contains the error of the estimates and that of the teacher's actions.
+"""
+
+# PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import torch
+from torch.nn.functional import mse_loss, smooth_l1_loss
+from torch.optim.lr_scheduler import ExponentialLR
+
+from avrgym.array_types import Float32Array, FloatArray, NumpyArray
+from avrgym.learning.configuration import VisualConfiguration
+from avrgym.learning.hyperparameters import VISUAL
+from avrgym.learning.imitation import Demonstration, Demonstrations
+from avrgym.learning.recipe import Update
+from avrgym.learning.visual_network import VisualNetwork
+from avrgym.models.cameras import CameraSpec, as_cameras
+from avrgym.networks.vision import network_input
+from avrgym.policies import registry
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system import random_streams
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import task_and_scene
+
+TEACHER_FILE = "teacher.safetensors"
+"""Copy of the teacher in the folder of a training."""
+MEASURED = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
+"""Entries of an observation that follow from the angles of the arm's joints."""
+
+
+@dataclass(frozen=True)
+class VisualDemonstration(Demonstration):
+    """Observations (S, O), the teacher's mean actions (S, J) and images (S, H, W, C) in half precision."""
+
+    images: NumpyArray
+
+
+def given_teacher(configuration: VisualConfiguration) -> Policy:
+    """The teacher.
+
+    Raises:
+        ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
+    """
+    camera_of(configuration)
+    teacher = registry.find(configuration.teacher, configuration.environment)
+    if not isinstance(teacher, Policy) or teacher.memory is not None or teacher.vision is not None:
+        raise ValueError(
+            f"{configuration.teacher!r} cannot be a teacher of vision; allowed: a feed-forward policy without vision"
+        )
+    return teacher
+
+
+def camera_of(configuration: VisualConfiguration) -> CameraSpec:
+    """The camera of a training; ``ValueError`` for one that the robot does not have, or with a segmentation."""
+    _, scene = task_and_scene(configuration.environment)
+    (camera,) = as_cameras([configuration.camera], scene.robot)
+    if "segmentation" in camera.kinds:
+        raise ValueError(f"camera {configuration.camera!r}; allowed kinds for a policy: rgb, depth")
+    return camera
+
+
+class VisualRecipe:
+    """See ``recipe.Recipe``."""
+
+    def __init__(self, configuration: VisualConfiguration, out: Path) -> None:
+        self._configuration = configuration
+        self._teacher = Policy.load(out / TEACHER_FILE)
+        self._cameras = (camera_of(configuration),)
+        task, scene = task_and_scene(configuration.environment)
+        entries = task.observation(scene)
+        names = np.repeat([each.name for each in entries.entries], [each.size for each in entries.entries])
+        self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED]
+        (camera,) = self._cameras
+        channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
+        torch.set_num_threads(1)  # more would change the order of sums
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(configuration.seed)
+            self._network = VisualNetwork(
+                self._teacher, self._estimated, (camera.height_px, camera.width_px, channels)
+            )
+        self._demonstrations = Demonstrations(out, VisualDemonstration)
+        self._worlds: Episodes | None = None
+        self._rounds = 0
+
+    @property
+    def steps(self) -> int:
+        return self._rounds * self._configuration.update_steps
+
+    @property
+    def final_action_stds(self) -> tuple[float, ...]:
+        return (self._teacher.action_std,)
+
+    def update(self) -> Update:
+        number, configuration = self._rounds, self._configuration
+        random = random_streams.imitation(configuration.seed, number)
+        teacher_drives = random.random(configuration.num_envs) < VISUAL.expert_share**number
+        returns, success = self._roll_out(number, random, teacher_drives)
+        self._fit(random, last=number == configuration.updates - 1)
+        self._rounds += 1
+        own = ~teacher_drives
+        if not own.any():
+            return Update("imitation", None, None)
+        return Update("imitation", float(returns[own].mean()), float(success[own].mean()))
+
+    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+        metadata = msgspec.structs.replace(metadata, camera=self._configuration.camera)
+        return [replace(self._teacher, metadata=metadata, vision=self._network.vision())]
+
+    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        return {"network": self._network.state_dict()}, {"rounds": self._rounds}
+
+    def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
+        self._network.load_state_dict(tensors["network"])
+        self._rounds = values["rounds"]
+        if self._rounds < self._configuration.updates:
+            self._demonstrations.read(self._rounds)
+
+    def _roll_out(
+        self, number: int, random: np.random.Generator, teacher_drives: NumpyArray
+    ) -> tuple[FloatArray, NumpyArray]:
+        """Run the first steps of an episode in each world; returns rewards and success (N,)."""
+        worlds, count = self._episodes(), self._configuration.num_envs
+        seeds = random_streams.episode_seeds(self._configuration.seed, number).integers(2**31, size=count)
+        observation = worlds.reset(
+            np.arange(count), [random_streams.training_episode(int(seed)) for seed in seeds]
+        )
+        observations: list[FloatArray] = []
+        actions: list[FloatArray] = []
+        images: list[NumpyArray] = []
+        returns, success = np.zeros(count), np.zeros(count, dtype=bool)
+        for _ in range(VISUAL.episode_steps):
+            image = self._image(worlds)
+            taught = self._teacher.mean(observation)
+            observations.append(observation)
+            actions.append(taught)
+            images.append(image)
+            noise = VISUAL.noise_std * random.standard_normal(taught.shape)
+            own = self._act(observation, image)
+            action = np.where(teacher_drives[:, None], taught + noise, own)
+            step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
+            observation, success = step.observation, step.success
+            returns += step.reward
+        arrays = (np.concatenate(each) for each in (observations, actions, images))
+        observed, acted, seen = arrays
+        self._demonstrations.append(
+            VisualDemonstration(observed.astype(np.float32), acted.astype(np.float32), seen)
+        )
+        return returns, success
+
+    def _episodes(self) -> Episodes:
+        configuration = self._configuration
+        if self._worlds is None:
+            self._worlds = Episodes(
+                configuration.environment,
+                configuration.num_envs,
+                people=configuration.people,
+                num_threads=configuration.threads,
+                force_guard=configuration.force_guard,
+            )
+        return self._worlds
+
+    def _image(self, worlds: Episodes) -> NumpyArray:
+        """Input of the network (N, H, W, C) in half precision."""
+        (camera,) = self._cameras
+        images = worlds.images(self._cameras)
+        return network_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(
+            np.float16
+        )
+
+    def _act(self, observation: FloatArray, image: NumpyArray) -> FloatArray:
+        rows = self._normalised(observation.astype(np.float32))
+        with torch.no_grad():
+            return self._network.actions(rows, self._network(_channels_first(image), rows)).numpy()
+
+    def _normalised(self, observations: Float32Array) -> torch.Tensor:
+        policy = self._teacher
+        deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
+        rows = (observations - policy.observation_mean) / deviation
+        return torch.as_tensor(
+            np.clip(rows, -policy.observation_clip, policy.observation_clip), dtype=torch.float32
+        )
+
+    def _fit(self, random: np.random.Generator, *, last: bool) -> None:
+        """Lower the errors of estimates and actions in all demonstrations; longer in the last round."""
+        rows = self._normalised(self._demonstrations.joined("observations"))
+        actions = torch.as_tensor(self._demonstrations.joined("actions")).clamp(-1.0, 1.0)
+        images = torch.as_tensor(self._demonstrations.joined("images"))
+        true = rows[:, self._estimated]
+        steps, decay = (
+            (VISUAL.last_gradient_steps, VISUAL.last_lr_decay)
+            if last
+            else (VISUAL.gradient_steps, VISUAL.lr_decay)
+        )
+        optimizer = torch.optim.Adam(self._network.parameters(), VISUAL.learning_rate)
+        schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
+        for _ in range(steps):
+            batch = torch.as_tensor(random.integers(len(rows), size=VISUAL.batch_size))
+            estimates = self._network(images[batch].permute(0, 3, 1, 2).float(), rows[batch])
+            acted = self._network.actions(rows[batch], estimates).clamp(-1.5, 1.5)
+            loss = smooth_l1_loss(estimates, true[batch]) + VISUAL.action_weight * mse_loss(
+                acted, actions[batch]
+            )
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+
+
+def _channels_first(image: NumpyArray) -> torch.Tensor:
+    return torch.as_tensor(image).permute(0, 3, 1, 2).float()

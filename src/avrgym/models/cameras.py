@@ -1,0 +1,208 @@
+"""Cameras of a scene: where they are mounted, and which images they return.
+
+Every scene has two cameras: ``wrist`` is fixed to the hand, above the grip, and looks along the tool; ``scene`` shows
+person and robot from the side. A robot may have more, see ``models.robot.Robot.cameras``.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import msgspec
+import mujoco
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.models import robot
+from avrgym.models.collision_bits import VISUAL_GROUP
+from avrgym.models.scene import TOOL, SceneConfig
+
+WRIST, SCENE = "wrist", "scene"
+Kind = Literal["rgb", "depth", "segmentation"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
+"""Smallest and largest width and height of an image."""
+MAX_DEPTH_M = 10.0
+"""Depth of everything farther away, and of the sky."""
+LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
+"""Meaning of the numbers in a segmentation. A garment is a tool; floor and sky are background."""
+STATE = "state"
+"""Name of the entry without images in an observation with cameras."""
+SCENE_FOVY_DEG = 45.0
+WRIST_FOVY_DEG = 58.0
+"""Vertical field of view of the depth camera of an Intel RealSense D435 (data sheet: 87° × 58°), which many hands
+carry. Its colour images are aligned with its depth."""
+WRIST_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
+"""Position of the wrist camera from the tool's grip, in the tool's frame: behind it and above the fingers."""
+WRIST_TARGET_M = np.array([0.40, 0.0, 0.0])
+"""Point on the optical axis of the wrist camera, in the tool's frame: ahead of the working point."""
+_FLOOR_RGBA = [0.72, 0.71, 0.68, 1.0]
+
+
+ImageType = np.uint8 | np.float32 | np.int32
+
+
+class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A camera in observations.
+
+    Attributes:
+        name: ``wrist``, ``scene``, or another camera of the robot.
+        width_px, height_px: size of its images, 64 × 64 to 640 × 480.
+        kinds: one or more of ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 in metres along the optical axis, at
+            most ``MAX_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``LABELS``.
+        fovy_deg: vertical field of view; by default that of the real camera.
+
+    Raises:
+        ValueError: for a value that is not allowed.
+    """
+
+    name: str
+    width_px: int = 64
+    height_px: int = 64
+    kinds: tuple[Kind, ...] = ("rgb",)
+    fovy_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        for what, size, low, high in (
+            ("width_px", self.width_px, MIN_SIZE_PX[0], MAX_SIZE_PX[0]),
+            ("height_px", self.height_px, MIN_SIZE_PX[1], MAX_SIZE_PX[1]),
+        ):
+            if type(size) is not int or not low <= size <= high:
+                raise ValueError(f"{what} of camera {self.name!r} is {size!r}; allowed: {low} to {high}")
+        kinds = tuple(self.kinds)
+        if not kinds or len({*kinds}) < len(kinds) or not {*kinds} <= {*KINDS}:
+            raise ValueError(
+                f"kinds of camera {self.name!r} are {kinds!r}; allowed: one or more of {', '.join(KINDS)}"
+            )
+        msgspec.structs.force_setattr(self, "kinds", kinds)
+        if self.fovy_deg is not None and not 5.0 <= self.fovy_deg <= 150.0:
+            raise ValueError(f"fovy_deg of camera {self.name!r} is {self.fovy_deg!r}; allowed: 5 to 150")
+
+    def entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
+        """Shape, type and largest value of each image, by the name of its entry, such as ``wrist_rgb``."""
+        size = (self.height_px, self.width_px)
+        described: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
+            "rgb": ((*size, 3), np.uint8, 255),
+            "depth": (size, np.float32, MAX_DEPTH_M),
+            "segmentation": (size, np.int32, len(LABELS) - 1),
+        }
+        return {f"{self.name}_{kind}": described[kind] for kind in self.kinds}
+
+
+AnyCamera = CameraSpec | str | Mapping[str, Any]
+"""A camera, its name, its fields, or a text such as ``wrist:128x96:rgb+depth``."""
+
+
+def as_cameras(cameras: Iterable[AnyCamera], of: robot.Robot) -> tuple[CameraSpec, ...]:
+    """The cameras of a robot's scene.
+
+    Raises:
+        ValueError: for a camera that the robot does not have, two of one name, or an invalid field, with what is
+            allowed.
+    """
+    if isinstance(cameras, str | CameraSpec | Mapping):
+        raise ValueError(f"cameras is {cameras!r}; allowed: a list, such as ['wrist']")
+    found = tuple(_as_camera(each) for each in cameras)
+    allowed = (WRIST, SCENE, *of.cameras)
+    for each in found:
+        if each.name not in allowed:
+            raise ValueError(f"unknown camera {each.name!r}; {of.name} has {', '.join(allowed)}")
+    names = [each.name for each in found]
+    if len({*names}) < len(names):
+        raise ValueError(f"cameras are {', '.join(names)}; allowed: each once, with all its kinds")
+    return found
+
+
+def _as_camera(camera: AnyCamera) -> CameraSpec:
+    if isinstance(camera, CameraSpec):
+        return camera
+    try:
+        if isinstance(camera, str):
+            return camera_from_text(camera)
+        return msgspec.convert(dict(camera), CameraSpec)
+    except (msgspec.ValidationError, TypeError) as error:
+        raise ValueError(
+            f"camera {camera!r}: {error}; allowed: a name, such as 'wrist:128x96:rgb+depth', or the fields "
+            f"{', '.join(CameraSpec.__struct_fields__)}"
+        ) from error
+
+
+def camera_from_text(text: str) -> CameraSpec:
+    """A camera from its name, size and kinds, such as ``wrist:128x96:rgb+depth``; ``ValueError`` for another form."""
+    name, *rest = text.split(":")
+    size, kinds = (*rest, "", "")[:2]
+    width, _, height = (size or "64x64").partition("x")
+    if len(rest) > 2 or not (width.isdecimal() and height.isdecimal()):
+        raise ValueError(
+            f"camera {text!r}; allowed: NAME, NAME:WIDTHxHEIGHT, or with kinds such as wrist:128x96:rgb+depth"
+        )
+    chosen: Any = tuple(kinds.split("+")) if kinds else ("rgb",)
+    return CameraSpec(name, int(width), int(height), chosen)
+
+
+def image_entries(
+    cameras: Iterable[CameraSpec],
+) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
+    """Shape, type and largest value of each image of some cameras, by the name of its entry."""
+    return {name: entry for camera in cameras for name, entry in camera.entries().items()}
+
+
+@dataclass(frozen=True)
+class FixedView:
+    """Position of the camera ``scene`` and a point on its optical axis, (3,) each, world frame, metres."""
+
+    pos_w: FloatArray
+    target_w: FloatArray
+
+
+def add_cameras(
+    spec: mujoco.MjSpec, scene: SceneConfig, view: FixedView, cameras: Sequence[CameraSpec]
+) -> None:
+    """Add cameras to the model of a scene, with their names."""
+    for camera in cameras:
+        if camera.name == SCENE:
+            body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_FOVY_DEG
+            q = looking(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
+        elif camera.name == WRIST:
+            body, pos, fovy_deg = spec.body(TOOL), scene.tool.grip_pos + WRIST_FROM_GRIP_M, WRIST_FOVY_DEG
+            q = looking(WRIST_TARGET_M - pos, [0.0, 0.0, 1.0])
+        else:
+            mount = scene.robot.cameras[camera.name]
+            body, pos, fovy_deg = spec.body(robot.PREFIX + mount.body), mount.pos_m, mount.fovy_deg
+            q = looking(mount.forward, mount.up)
+        body.add_camera(name=camera.name, pos=pos, quat=q, fovy=camera.fovy_deg or fovy_deg)
+
+
+def looking(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
+    """Rotation (4,) of a camera of MuJoCo, which looks along −z with y up and x to the right."""
+    back = -np.asarray(forward, float) / np.linalg.norm(forward)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    return transforms.from_matrix(np.stack([right, np.cross(back, right), back], axis=-1))
+
+
+def add_surroundings(spec: mujoco.MjSpec) -> None:
+    """Add a visible floor and sky, and light from above and in front of the person."""
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20.0, 20.0, 0.1], rgba=_FLOOR_RGBA,
+        group=VISUAL_GROUP, contype=0, conaffinity=0,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0.4, -2.6, 3.2], dir=[-0.15, 0.7, -1.0],
+        diffuse=[0.6] * 3, specular=[0.2] * 3, castshadow=True,
+    )  # fmt: skip
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.89, 0.92], rgb2=[0.62, 0.66, 0.70], width=64, height=384,
+    )  # fmt: skip
+
+
+def visible_groups() -> mujoco.MjvOption:
+    """Options that show visual geoms only."""
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 0
+    option.geomgroup[VISUAL_GROUP] = 1
+    option.sitegroup[:] = 0
+    return option

@@ -1,0 +1,159 @@
+"""The vision of a policy: a small convolutional network in NumPy that replaces entries of the observation.
+
+It estimates entries that a robot cannot measure, such as the position of the mouth, from an image and from the measured
+entries.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrgym.array_types import FloatArray, NumpyArray
+from avrgym.networks.layers import frozen, product
+
+MAX_DEPTH_M = 1.2
+"""Depth that counts as 1 in the network's input; everything farther does too."""
+CONVOLUTIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Vision:
+    """Convolutions with rectified units, then two dense layers; the second also takes the measured entries.
+
+    All arrays are stored as read-only float64.
+
+    Args:
+        kernels: of each convolution, (K, K, inputs, outputs).
+        kernel_biases: (outputs,) each.
+        strides: of each convolution, (3,) whole numbers.
+        dense_weights: (inputs, outputs) of three layers; the inputs of the second are the first one's outputs and the
+            measured entries.
+        dense_biases: (outputs,) each.
+        estimated: indices (E,) of the entries of the observation that are estimated.
+    """
+
+    kernels: tuple[FloatArray, ...]
+    kernel_biases: tuple[FloatArray, ...]
+    strides: FloatArray
+    dense_weights: tuple[FloatArray, ...]
+    dense_biases: tuple[FloatArray, ...]
+    estimated: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("kernels", "kernel_biases", "dense_weights", "dense_biases"):
+            object.__setattr__(self, name, tuple(frozen(array) for array in getattr(self, name)))
+        for name in ("strides", "estimated"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def fill(self, rows: FloatArray, image: FloatArray) -> FloatArray:
+        """Normalised observations (N, O) with estimates instead of their estimated entries.
+
+        Args:
+            rows: (N, O); the values of estimated entries are not used.
+            image: (N, H, W, C), from ``network_input``.
+        """
+        estimated = self.estimated.astype(np.intp)
+        features = image
+        for kernel, bias, stride in zip(self.kernels, self.kernel_biases, self.strides, strict=True):
+            features = np.maximum(_convolved(features, kernel, int(stride)) + bias, 0.0)
+        first, second, last = zip(self.dense_weights, self.dense_biases, strict=True)
+        seen = np.maximum(product(features.reshape(len(rows), -1), first[0]) + first[1], 0.0)
+        measured = np.delete(rows, estimated, axis=1)
+        joined = np.maximum(product(np.concatenate([seen, measured], axis=1), second[0]) + second[1], 0.0)
+        filled = rows.copy()
+        filled[:, estimated] = product(joined, last[0]) + last[1]
+        return filled
+
+    def tensors(self) -> dict[str, NumpyArray]:
+        """All arrays by their name in a file."""
+        found: dict[str, NumpyArray] = {"vision.strides": self.strides, "vision.estimated": self.estimated}
+        for name, arrays in (
+            ("kernel", self.kernels),
+            ("kernel_bias", self.kernel_biases),
+            ("dense", self.dense_weights),
+            ("dense_bias", self.dense_biases),
+        ):
+            found |= {f"vision.{name}.{number}": array for number, array in enumerate(arrays)}
+        return found
+
+    @classmethod
+    def of_tensors(cls, tensors: Mapping[str, NumpyArray]) -> "Vision":
+        """A network from ``tensors``."""
+
+        def each(name: str) -> tuple[Any, ...]:
+            return tuple(tensors[f"vision.{name}.{number}"] for number in range(CONVOLUTIONS))
+
+        return cls(
+            each("kernel"),
+            each("kernel_bias"),
+            tensors["vision.strides"],
+            each("dense"),
+            each("dense_bias"),
+            tensors["vision.estimated"],
+        )
+
+    def check(self, observation_size: int, image_shape: tuple[int, int, int]) -> None:
+        """Raise ``ValueError`` for arrays that do not fit together, for images (H, W, C) and O entries."""
+        height, width, channels = image_shape
+        for number, (kernel, stride) in enumerate(zip(self.kernels, self.strides.tolist(), strict=True)):
+            size = kernel.shape[0] if kernel.ndim == 4 else 0
+            if not size or kernel.shape[:3] != (size, size, channels) or stride != int(stride) or stride < 1:
+                raise ValueError(f"vision.kernel.{number} has the shape {kernel.shape} and stride {stride}")
+            height, width = (int((side - size) // stride + 1) for side in (height, width))
+            channels = kernel.shape[3]
+            _check(f"vision.kernel_bias.{number}", self.kernel_biases[number], (channels,))
+        estimated = self.estimated
+        whole = estimated.ndim == 1 and (estimated == np.round(estimated)).all()
+        if not whole or not len(estimated) or len({*estimated.tolist()}) < len(estimated):
+            raise ValueError("vision.estimated contains no different indices")
+        if estimated.min() < 0 or estimated.max() >= observation_size:
+            raise ValueError(f"vision.estimated is outside 0 to {observation_size - 1}")
+        inputs, measured = height * width * channels, observation_size - len(estimated)
+        for number, (weight, extra) in enumerate(zip(self.dense_weights, (0, measured, 0), strict=True)):
+            if weight.ndim != 2 or weight.shape[0] != inputs + extra:
+                raise ValueError(
+                    f"vision.dense.{number} has the shape {weight.shape}; it takes {inputs + extra}"
+                )
+            inputs = weight.shape[1]
+            _check(f"vision.dense_bias.{number}", self.dense_biases[number], (inputs,))
+        if inputs != len(estimated):
+            raise ValueError(f"vision.dense.2 has {inputs} outputs; {len(estimated)} entries are estimated")
+
+
+VISION_TENSORS = (
+    "vision.strides",
+    "vision.estimated",
+    *(
+        f"vision.{name}.{number}"
+        for name in ("kernel", "kernel_bias", "dense", "dense_bias")
+        for number in range(CONVOLUTIONS)
+    ),
+)
+"""Names of the arrays in a file."""
+
+
+def network_input(images: Mapping[str, NumpyArray]) -> FloatArray:
+    """The input (N, H, W, C) from images of one camera by kind: ``rgb`` (N, H, W, 3) and ``depth`` (N, H, W)."""
+    parts: list[FloatArray] = []
+    if "rgb" in images:
+        parts.append(images["rgb"].astype(np.float64) / 255.0)
+    if "depth" in images:
+        depth = np.minimum(images["depth"].astype(np.float64), MAX_DEPTH_M) / MAX_DEPTH_M
+        parts.append(depth[..., None])
+    return np.concatenate(parts, axis=-1)
+
+
+def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has the shape {array.shape}; allowed: {shape}")
+
+
+def _convolved(image: FloatArray, kernel: FloatArray, stride: int) -> FloatArray:
+    """The convolution (N, h, w, F) of (N, H, W, C), without padding."""
+    size, _, channels, outputs = kernel.shape
+    windows = np.lib.stride_tricks.sliding_window_view(image, (size, size), axis=(1, 2))
+    windows = windows[:, ::stride, ::stride].transpose(0, 1, 2, 4, 5, 3)
+    rows = windows.reshape(-1, size * size * channels)
+    return product(rows, kernel.reshape(-1, outputs)).reshape(*windows.shape[:3], outputs)

@@ -1,0 +1,299 @@
+"""Renders the images of cameras in the worlds of ``Episodes``, by MuJoCo's renderer.
+
+All worlds share one model for each sex. Before a world is rendered, the model gets the person and the positions of that
+world. Physics has its own model without appearance.
+"""
+
+import warnings
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.array_types import BoolArray, IntArray, NumpyArray
+from avrgym.models import human, robot
+from avrgym.models.cameras import (
+    LABELS,
+    MAX_DEPTH_M,
+    CameraSpec,
+    FixedView,
+    Kind,
+    add_cameras,
+    add_surroundings,
+    image_entries,
+    visible_groups,
+)
+from avrgym.models.human import Person
+from avrgym.models.human_shape import add_appearance
+from avrgym.models.scene import TOOL, build_spec
+from avrgym.system.mujoco_setup import RENDERING_HINT
+from avrgym.tasks.task import View
+
+if TYPE_CHECKING:
+    from avrgym.tasks.episodes import Episodes
+
+NEAR_M, FAR_M = 0.02, 20.0
+"""Nearest and farthest rendered distance. Shadows are not rendered: they take two thirds of the time without a graphics
+card."""
+_BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(LABELS))
+HIDDEN_GROUP = 5
+Images = dict[str, NumpyArray]
+"""Images by the name of their entry, such as ``wrist_rgb``."""
+PersonKey = tuple[str, float, float, str]
+
+
+class CameraImages:
+    """The cameras of N worlds. The first image creates the graphics context, which belongs to that thread."""
+
+    def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
+        """Prepare cameras of ``models.cameras.as_cameras``."""
+        self.cameras = tuple(cameras)
+        self._episodes = episodes
+        self._context: Any = None
+        self._models: dict[str, _SexModel] = {}
+
+    def images(self, worlds: Iterable[int] | None = None) -> Images:
+        """Images (n, ...) of the present state of some worlds, or of all; see ``CameraSpec`` for their types.
+
+        Raises:
+            RuntimeError: if nothing can be rendered, with a setting that may help.
+        """
+        chosen = [*range(self._episodes.simulation.num_worlds)] if worlds is None else [*worlds]
+        found = {
+            name: np.empty((len(chosen), *shape), dtype)
+            for name, (shape, dtype, _) in image_entries(self.cameras).items()
+        }
+        self._make_current()
+        for row, world in enumerate(chosen):
+            model = self._model_of(self._episodes.person_in(world))
+            model.show(self._episodes, world)
+            for camera in self.cameras:
+                model.render(camera, {kind: found[f"{camera.name}_{kind}"][row] for kind in camera.kinds})
+        return found
+
+    def close(self) -> None:
+        """Free the graphics memory; the next image allocates it again."""
+        if self._context is not None:
+            self._context.make_current()
+            for model in self._models.values():
+                model.free()
+            self._models.clear()
+            self._context.free()
+            self._context = None
+
+    def _make_current(self) -> None:
+        if self._context is None:
+            error = graphics_error()
+            if error is not None:
+                raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
+            self._context = mujoco.GLContext(*self._size_px)
+        self._context.make_current()
+
+    @property
+    def _size_px(self) -> tuple[int, int]:
+        """Width and height that contain all images."""
+        return max(each.width_px for each in self.cameras), max(each.height_px for each in self.cameras)
+
+    def _model_of(self, person: Person) -> "_SexModel":
+        if person.sex not in self._models:
+            self._models[person.sex] = _SexModel(self._episodes, person, self.cameras, self._size_px)
+        return self._models[person.sex]
+
+
+class _SexModel:
+    """The scene with a woman or a man, on the graphics card; shows one world at a time."""
+
+    def __init__(
+        self,
+        episodes: "Episodes",
+        person: Person,
+        cameras: Sequence[CameraSpec],
+        size_px: tuple[int, int],
+    ) -> None:
+        scene = episodes.scene
+        spec = build_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
+        add_surroundings(spec)
+        views = episodes.task.views
+        add_cameras(spec, scene, _fixed(views.on_floor if scene.mount.on_floor else views.mounted), cameras)
+        self.model = model = spec.compile()
+        self._data = mujoco.MjData(model)
+        model.vis.global_.offwidth, model.vis.global_.offheight = size_px
+        model.vis.map.znear, model.vis.map.zfar = NEAR_M / model.stat.extent, FAR_M / model.stat.extent
+        self._groups = model.geom_group.copy()
+        self._option = visible_groups()
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nskin + 100)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+        self._labels = _labels(model, episodes)
+        self._shown: PersonKey | None = None
+        self._people: dict[PersonKey, dict[str, NumpyArray]] = {}
+        self._skins = _skin_rows(model)
+
+    def show(self, episodes: "Episodes", world: int) -> None:
+        """Put person and bodies of a world into the model."""
+        person = episodes.person_in(world)
+        key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone)
+        if key != self._shown:
+            self._dress(key, person, episodes)
+        model, batch = self.model, episodes.simulation.batch
+        model.body_pos[:] = batch.expand("body_pos")[world]
+        model.body_quat[:] = batch.expand("body_quat")[world]
+        self._data.qpos[:] = episodes.simulation.qpos(world)
+        mujoco.mj_kinematics(model, self._data)
+        mujoco.mj_camlight(model, self._data)
+
+    def _dress(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
+        """Give the person of the model another size and skin tone."""
+        if key not in self._people:
+            if len(self._people) > episodes.simulation.num_worlds:
+                self._people.clear()
+            self._people[key] = _person_skins(person, episodes)
+        for name, array in self._people[key].items():
+            rows = self._skins["mat_rgba" if name == "mat_rgba" else _axis(name)]
+            getattr(self.model, name)[rows] = array
+        self._shown = key
+
+    def render(self, camera: CameraSpec, out: dict[Kind, NumpyArray]) -> None:
+        """Render the kinds of a camera into arrays."""
+        model, scene = self.model, self._scene
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera.name).id
+        model.geom_group[:] = np.where(self._outside(camera, view.fixedcamid), HIDDEN_GROUP, self._groups)
+        mujoco.mjv_updateScene(model, self._data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, scene)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)  # binds it for both models
+        rect = mujoco.MjrRect(0, 0, camera.width_px, camera.height_px)
+        colours = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
+        depth = np.empty((camera.height_px, camera.width_px), np.float32)
+        if "rgb" in out:
+            mujoco.mjr_render(rect, scene, self._context)
+            mujoco.mjr_readPixels(colours, None, rect, self._context)
+            out["rgb"][:] = colours[::-1]
+        if "depth" in out or "segmentation" in out:
+            flags = scene.flags.copy()
+            scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
+            mujoco.mjr_render(rect, scene, self._context)
+            mujoco.mjr_readPixels(colours, depth, rect, self._context)
+            scene.flags[:] = flags
+        if "depth" in out:
+            out["depth"][:] = _metres(depth)[::-1]
+        if "segmentation" in out:
+            out["segmentation"][:] = self._segmented(colours)[::-1]
+
+    def _outside(self, camera: CameraSpec, number: int) -> BoolArray:
+        """Boolean mask of geoms that are completely outside of an image; it takes a fifth less time without them."""
+        model, data = self.model, self._data
+        pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
+        radius, ahead = model.geom_rbound, -pos[:, 2]
+        half_height = np.tan(0.5 * np.radians(model.cam_fovy[number]))
+        beyond = ahead + radius < NEAR_M
+        for axis, half in ((0, half_height * camera.width_px / camera.height_px), (1, half_height)):
+            beyond |= np.abs(pos[:, axis]) - half * ahead > radius * np.hypot(1.0, half)
+        return beyond & (radius > 0.0)
+
+    def _segmented(self, colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """Labels (H, W) of the numbers that the renderer writes as colours; 0 is the background."""
+        number = colours.astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+        label = np.zeros(self._scene.ngeom + 1, np.int32)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.segid >= 0:
+                label[geom.segid + 1] = self._labels.get((geom.objtype, geom.objid), _BACKGROUND)
+        return label[number]
+
+    def free(self) -> None:
+        """Free the graphics memory; the context must be current."""
+        self._context.free()
+
+
+@cache
+def graphics_error() -> str | None:
+    """The reason why nothing can be rendered; cached, because a second attempt without a graphics library ends the
+    process.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mujoco.Renderer(mujoco.MjSpec().compile(), 1, 1).close()
+    except Exception as error:  # each graphics library has exceptions of its own
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def _fixed(view: View) -> FixedView:
+    """Position and target of a view, as those of MuJoCo's free camera."""
+    azimuth, elevation = np.radians([view.azimuth_deg, view.elevation_deg])
+    forward = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    target_w = np.array(view.look_at_w)
+    return FixedView(target_w - view.distance_m * np.array(forward), target_w)
+
+
+def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Distances along the optical axis from the renderer's depth, which is 0 at ``FAR_M`` and 1 at ``NEAR_M``."""
+    share = depth.astype(np.float64)
+    metres = NEAR_M * FAR_M / (NEAR_M + share * (FAR_M - NEAR_M))
+    return np.minimum(metres, MAX_DEPTH_M).astype(np.float32)
+
+
+def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int], int]:
+    """The label of each geom, skin and flex, by the type and number of the object."""
+    particles = episodes.scene.tool.particles
+    grains = () if particles is None else particles.bodies
+    tool = model.body(TOOL).id
+    labels: list[int] = []
+    for body in range(model.nbody):
+        name, parent = model.body(body).name, model.body_parentid[body]
+        if body == tool or (body and labels[parent] == _TOOL):
+            labels.append(_TOOL)
+        elif name.startswith(robot.PREFIX):
+            labels.append(_ROBOT)
+        elif name.startswith(human.PREFIX):
+            labels.append(_PERSON)
+        else:
+            labels.append(_PARTICLES if name in grains else _FURNITURE if body else _BACKGROUND)
+    geoms, skins = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SKIN
+    of_geom: list[int] = model.geom_bodyid.tolist()
+    of_skin: list[int] = model.skin_bonebodyid[model.skin_boneadr].tolist()
+    found = {(int(geoms), geom): labels[body] for geom, body in enumerate(of_geom)}
+    found |= {(int(skins), skin): labels[body] for skin, body in enumerate(of_skin)}
+    return found | {(int(mujoco.mjtObj.mjOBJ_FLEX), flex): _TOOL for flex in range(model.nflex)}
+
+
+SKIN_ARRAYS = ("skin_vert", "skin_bonebindpos", "skin_bonebindquat")
+
+
+def _axis(name: str) -> str:
+    return "vertices" if name == "skin_vert" else "bones"
+
+
+def _skin_rows(model: mujoco.MjModel) -> dict[str, IntArray]:
+    """The rows of vertices, bones and materials of the person's skins, in the order of their names."""
+    names = sorted(
+        model.skin(i).name for i in range(model.nskin) if model.skin(i).name.startswith(human.PREFIX)
+    )
+    ids = [model.skin(name).id for name in names]
+    return {
+        "vertices": _ranges(model.skin_vertadr[ids], model.skin_vertnum[ids]),
+        "bones": _ranges(model.skin_boneadr[ids], model.skin_bonenum[ids]),
+        "mat_rgba": model.skin_matid[ids].astype(np.intp),
+    }
+
+
+def _ranges(first: NumpyArray, count: NumpyArray) -> IntArray:
+    bounds: list[tuple[int, int]] = [*zip(first.tolist(), (first + count).tolist(), strict=True)]
+    return np.concatenate([np.arange(start, end) for start, end in bounds])
+
+
+def _person_skins(person: Person, episodes: "Episodes") -> dict[str, NumpyArray]:
+    """The model fields of a person's skins, in the order of ``_skin_rows``."""
+    scene = episodes.scene
+    spec = mujoco.MjSpec()
+    human.add_person(spec, person, scene.posture, moving=episodes.simulation.moving)
+    add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
+    model = spec.compile()
+    rows = _skin_rows(model)
+    return {name: getattr(model, name)[rows[_axis(name)]] for name in SKIN_ARRAYS} | {
+        "mat_rgba": model.mat_rgba[rows["mat_rgba"]]
+    }

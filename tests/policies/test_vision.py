@@ -1,0 +1,143 @@
+"""Tests of policies with vision and of controllers with cameras."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+
+from avrgym.array_types import FloatArray
+from avrgym.learning.visual_network import VisualNetwork
+from avrgym.networks.vision import network_input
+from avrgym.policies import registry
+from avrgym.policies.controllers import ExternalController
+from avrgym.policies.trained import Policy, PolicyError, load_policy
+from avrgym.tasks.camera_images import graphics_error
+from avrgym.tasks.episodes import Episodes
+
+FEEDING, SIZES = "avrgym/FeedingJaco-v1", (25, 7)
+CAMERA = "wrist:64x64:depth"
+needs_graphics = pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
+ESTIMATED = [7, 8, 9, *range(17, 25)]
+
+
+@pytest.fixture(scope="module")
+def network() -> VisualNetwork:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        return VisualNetwork(load_policy("revised", FEEDING, *SIZES), ESTIMATED, (64, 64, 1))
+
+
+@pytest.fixture(scope="module")
+def policy(network: VisualNetwork) -> Policy:
+    teacher = load_policy("revised", FEEDING, *SIZES)
+    metadata: Any = type(teacher.metadata)(
+        environment=FEEDING, people="revised", steps=1, seed=0, camera=CAMERA
+    )
+    return replace(teacher, metadata=metadata, vision=network.vision())
+
+
+@pytest.fixture
+def observed(rng: np.random.Generator, policy: Policy) -> tuple[FloatArray, FloatArray]:
+    """Observations (4, O) and images (4, 64, 64, 1)."""
+    rows = policy.observation_mean + rng.normal(size=(4, 25)) * np.sqrt(policy.observation_variance)
+    return rows, network_input({"depth": rng.uniform(0.1, 2.0, (4, 64, 64)).astype(np.float32)})
+
+
+def test_the_network_in_numpy_computes_that_in_pytorch(network: VisualNetwork, policy: Policy, observed: Any):
+    rows, image = observed
+    actions, _ = policy.step(rows, np.zeros((4, 0)), image)
+    normalised = torch.as_tensor(policy._normalise(rows), dtype=torch.float32)
+    with torch.no_grad():
+        estimates = network(torch.as_tensor(image, dtype=torch.float32).permute(0, 3, 1, 2), normalised)
+        assert_allclose(actions, network.actions(normalised, estimates), atol=1e-4)
+
+
+def test_actions_depend_on_the_image_and_not_on_what_is_estimated(policy: Policy, observed: Any):
+    rows, image = observed
+    actions, _ = policy.step(rows, np.zeros((4, 0)), image)
+    others = rows.copy()
+    others[:, ESTIMATED] = 3.0
+    assert_array_equal(policy.step(others, np.zeros((4, 0)), image)[0], actions)
+    assert_array_equal(policy.step(rows[1:2], np.zeros((1, 0)), image[1:2])[0], actions[1:2])
+    assert (policy.step(rows, np.zeros((4, 0)), 1.0 - image)[0] != actions).any()
+
+
+def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Policy, observed: Any):
+    policy.save(tmp_path / "visual.safetensors")
+    read = load_policy(tmp_path / "visual.safetensors", FEEDING, *SIZES)
+    assert read.metadata == policy.metadata
+    assert read.digest == policy.digest
+    rows, image = observed
+    assert_array_equal(*(each.step(rows, np.zeros((4, 0)), image)[0] for each in (read, policy)))
+    with pytest.raises(PolicyError, match=f"this policy needs images of the camera {CAMERA}"):
+        read.step(rows, np.zeros((4, 0)))
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        ("wrist:64x80:depth", "vision.dense.0 has the shape"),
+        ("wrist:64x64:rgb", "vision.kernel.0 has the shape"),
+    ],
+)
+def test_vision_that_does_not_fit_its_camera_is_refused(
+    tmp_path: Path, policy: Policy, camera: str, message: str
+):
+    metadata: Any = type(policy.metadata)(
+        environment=FEEDING, people="revised", steps=1, seed=0, camera=camera
+    )
+    replace(policy, metadata=metadata).save(tmp_path / "odd.safetensors")
+    with pytest.raises(PolicyError, match=message):
+        load_policy(tmp_path / "odd.safetensors", FEEDING, *SIZES)
+
+
+class Looking:
+    """A controller with two cameras."""
+
+    cameras = ("wrist:64x64:rgb+depth", "scene")
+
+    def __init__(self) -> None:
+        self.seen: list[dict[str, Any]] = []
+
+    def reset(self, seed: int, environment: str) -> None:
+        """Starts an episode."""
+
+    def act(self, observation: dict[str, Any]) -> FloatArray:
+        """No action."""
+        self.seen.append(observation)
+        return np.zeros(7)
+
+
+@needs_graphics
+def test_a_controller_receives_the_images_of_its_own_world():
+    controllers: list[Looking] = []
+
+    def make() -> Looking:
+        controllers.append(Looking())
+        return controllers[-1]
+
+    worlds = Episodes(FEEDING, 2, people="revised", num_threads=1)
+    generators = [np.random.default_rng(seed) for seed in range(2)]
+    observations = worlds.reset(np.arange(2), generators)
+    with registry.running(
+        ExternalController("looking", make, cameras=Looking.cameras), worlds, generators
+    ) as act:
+        act(observations)
+    images = worlds.images(
+        registry.cameras_of(ExternalController("", make, cameras=Looking.cameras), FEEDING)
+    )
+    for world, controller in enumerate(controllers):
+        (seen,) = controller.seen
+        assert list(seen) == ["state", "wrist_rgb", "wrist_depth", "scene_rgb"]
+        assert_array_equal(seen["state"], observations[world])
+        for name, image in images.items():
+            assert_array_equal(seen[name], image[world])
+
+
+def test_a_controller_with_an_unknown_camera_is_refused():
+    with pytest.raises(PolicyError, match=r"cannot drive in .*: unknown camera 'eye'; Jaco has wrist, scene"):
+        registry.cameras_of(ExternalController("odd", Looking, cameras=("eye",)), FEEDING)
