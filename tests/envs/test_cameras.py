@@ -14,12 +14,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.cameras import KINDS, LABELS, MAX_DEPTH_M, SCENE, WRIST, CameraSpec
-from avrgym.tasks.camera_images import CameraImages, _SexModel
+from avrgym.tasks.camera_images import CameraImages, _SexModel, graphics_error
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 
 FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingPR2-v1"
-needs_graphics = pytest.mark.skipif("graphics_error() is not None", reason="no graphics library renders here")
+needs_graphics = pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
 EVERY_KIND = [CameraSpec(name, 80, 64, KINDS) for name in (WRIST, SCENE)]
 
 
@@ -103,7 +103,7 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]
         food = depth[labels == LABELS.index("particles")]
         assert_allclose(food.min(), ahead_m.min() - 0.005, atol=0.002)
-        assert ((food > ahead_m.min() - 0.006) & (food < ahead_m.max() + 0.001)).all()
+        assert ((food > ahead_m.min() - 0.006) & (food < ahead_m.max() + 0.005)).all()
         assert depth.max() == np.float32(MAX_DEPTH_M)
         assert (labels[depth < 2.0] > 0).all()
         assert {"person", "robot", "tool", "furniture"} <= {LABELS[each] for each in np.unique(labels)}

@@ -43,7 +43,7 @@ class SB3VectorEnv(VecEnv):
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
-    def reset(self) -> NumpyArray:
+    def reset(self) -> Any:
         observation, _ = self.env.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._forces_n[:] = 0.0, 0.0
@@ -52,7 +52,7 @@ class SB3VectorEnv(VecEnv):
     def step_async(self, actions: NumpyArray) -> None:
         self._actions = actions
 
-    def step_wait(self) -> tuple[NumpyArray, NumpyArray, NumpyArray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, NumpyArray, NumpyArray, list[dict[str, Any]]]:
         observation, reward, _, truncated, info = self.env.step(self._actions)
         force_n: NumpyArray = info["force_on_person"]
         if truncated.any():

@@ -53,7 +53,7 @@ def given_teacher(configuration: VisualConfiguration) -> Policy:
         ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
     """
     camera_of(configuration)
-    teacher = registry.find(configuration.teacher, configuration.environment)
+    teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
     if not isinstance(teacher, Policy) or teacher.memory is not None or teacher.vision is not None:
         raise ValueError(
             f"{configuration.teacher!r} cannot be a teacher of vision; allowed: a feed-forward policy without vision"
@@ -63,7 +63,7 @@ def given_teacher(configuration: VisualConfiguration) -> Policy:
 
 def camera_of(configuration: VisualConfiguration) -> CameraSpec:
     """The camera of a training; ``ValueError`` for one that the robot does not have, or with a segmentation."""
-    _, scene = task_and_scene(configuration.environment)
+    _, scene = task_and_scene(configuration.environment, configuration.settings)
     (camera,) = as_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
         raise ValueError(f"camera {configuration.camera!r}; allowed kinds for a policy: rgb, depth")
@@ -77,7 +77,7 @@ class VisualRecipe:
         self._configuration = configuration
         self._teacher = Policy.load(out / TEACHER_FILE)
         self._cameras = (camera_of(configuration),)
-        task, scene = task_and_scene(configuration.environment)
+        task, scene = task_and_scene(configuration.environment, configuration.settings)
         entries = task.observation(scene)
         names = np.repeat([each.name for each in entries.entries], [each.size for each in entries.entries])
         self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED]
@@ -167,6 +167,7 @@ class VisualRecipe:
                 people=configuration.people,
                 num_threads=configuration.threads,
                 force_guard=configuration.force_guard,
+                settings=configuration.settings,
             )
         return self._worlds
 
