@@ -105,7 +105,7 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
         assert_allclose(food.min(), ahead_m.min() - 0.005, atol=0.002)
         assert ((food > ahead_m.min() - 0.006) & (food < ahead_m.max() + 0.005)).all()
         assert depth.max() == np.float32(MAX_DEPTH_M)
-        assert (labels[depth < 2.0] > 0).all()
+        assert (labels[depth < 1.0] > 0).all()
         assert {"person", "robot", "tool", "furniture"} <= {LABELS[each] for each in np.unique(labels)}
 
 
@@ -135,7 +135,7 @@ def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatc
         (["wrist:64x64:xyz"], "kinds of camera 'wrist' are .*; allowed: one or more of rgb, depth, segment"),
         (["wrist:64"], "camera 'wrist:64'; allowed: NAME, NAME:WIDTHxHEIGHT"),
         ([{"name": "wrist", "fov": 3}], "unknown field `fov`; allowed: a name, .* or the fields name, width"),
-        ([{"name": "wrist", "fovy_deg": 1}], "fovy_deg of camera 'wrist' is 1; allowed: 5 to 150"),
+        ([{"name": "wrist", "fovy_deg": 1}], "fovy_deg of camera 'wrist' is 1.0; allowed: 5 to 150"),
         ([3], "camera 3: .*; allowed: a name"),
     ],
 )
