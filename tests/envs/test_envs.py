@@ -148,8 +148,8 @@ def test_mujoco_s_warnings_go_to_logging_and_into_no_file(tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"people": "martians"}, "the distributions are original, revised"),
-        ({"render_mode": "human"}, "the modes are None, rgb_array; `avrgym view avrgym/FeedingJaco-v1`"),
+        ({"people": "martians"}, "allowed: original, revised"),
+        ({"render_mode": "human"}, "allowed: None, rgb_array; `avrgym view avrgym/FeedingJaco-v1`"),
     ],
 )
 def test_unknown_names_are_told_what_there_is(how, message):

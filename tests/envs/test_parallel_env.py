@@ -127,7 +127,10 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
         ({ROBOT: np.full(7, np.inf)}, "robot: .* is inf"),
         ({HUMAN: np.zeros(7)}, r"human: actions of shape \(7,\); allowed: finite numbers of shape \(6,\)"),
         ({HUMAN: "up"}, "human: str is not an array of numbers"),
-        ({"nurse": np.zeros(7)}, "actions of robot, human, nurse; allowed: one of each of robot, human"),
+        (
+            {"nurse": np.zeros(7)},
+            "actions of robot, human, nurse; allowed: one action of each agent: robot, human",
+        ),
     ],
 )
 def test_actions_that_cannot_be_are_refused_and_nothing_has_moved(changes, said):

@@ -178,10 +178,10 @@ def test_what_was_given_may_be_changed():
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"num_envs": 0}, "num_envs is 0; allowed: 1 or more"),
-        ({"num_envs": 2.0}, "num_envs is 2.0; allowed: 1 or more"),
-        ({"max_episode_steps": 0}, "max_episode_steps is 0; allowed: 1 or more"),
-        ({"max_episode_steps": 1.5}, "max_episode_steps is 1.5; allowed: 1 or more"),
+        ({"num_envs": 0}, "num_envs is 0; allowed: an integer of 1 or more"),
+        ({"num_envs": 2.0}, "num_envs is 2.0; allowed: an integer of 1 or more"),
+        ({"max_episode_steps": 0}, "max_episode_steps is 0; allowed: an integer of 1 or more"),
+        ({"max_episode_steps": 1.5}, "max_episode_steps is 1.5; allowed: an integer of 1 or more"),
         ({"autoreset_mode": "never"}, "unknown autoreset mode 'never'; allowed: .*NEXT_STEP or 'NextStep'"),
         ({"render_mode": "human"}, "`avrgym view avrgym/FeedingJaco-v1` shows the environment live"),
     ],

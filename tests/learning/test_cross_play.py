@@ -30,7 +30,7 @@ def test_cross_play_equals_single_evaluations() -> None:
     [
         (["nope"], PEOPLE, "none", "no policy 'nope'"),
         (POLICIES, ["original", "zoo/nope"], "none", "unknown people 'zoo/nope'"),
-        (POLICIES, PEOPLE, "gout", "the impairments are none, limits"),
+        (POLICIES, PEOPLE, "gout", "allowed: none, limits"),
     ],
 )
 def test_unknown_names_are_refused_before_the_evaluation(policies, people, impairment, said) -> None:

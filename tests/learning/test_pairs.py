@@ -381,8 +381,10 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     assert_refused(
         run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
     )
-    assert_refused(run(*evaluation, robot), "a policy of a robot, not of a human; pass it to --policy")
-    assert_refused(run("evaluate", SCRATCHING, "--policy", human), "a trained human, not a robot's policy")
+    assert_refused(run(*evaluation, robot), "is the policy of a robot, not of a human; use it with --policy")
+    assert_refused(
+        run("evaluate", SCRATCHING, "--policy", human), "is the policy of a trained human, not of a robot"
+    )
     assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
     assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
     assert_refused(run(*evaluation, tmp_path / "empty"), "contains no trained human; allowed: a folder of")

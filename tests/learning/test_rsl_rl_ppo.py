@@ -274,7 +274,7 @@ def test_a_missing_extra_is_named_with_its_installation(
 def test_training_without_a_gpu_is_refused(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("there is a GPU here")
-    assert "the engine warp needs a CUDA device, and PyTorch finds none here" in refused(
+    assert "the engine warp needs a CUDA device, and PyTorch finds none" in refused(
         tmp_path, "--engine", "warp"
     )
     assert "has no device 'cuda:1'; allowed: " in refused(tmp_path, "--engine", "warp:cuda:1")
@@ -294,6 +294,6 @@ def test_a_cluster_is_refused_with_a_device(tmp_path: Path) -> None:
 def test_too_many_worlds_for_the_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
     monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
-    with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on CPU; allowed: up to 5$"):
+    with pytest.raises(ValueError, match=r"^7 worlds need 7.0 GiB of memory on CPU; allowed: up to 5$"):
         train(replace(TINY, num_envs=7), tmp_path / "out")
     assert not (tmp_path / "out" / "configuration.json").exists()

@@ -191,7 +191,7 @@ def test_the_seated_pose_bends_hips_knees_and_elbows():
 
 
 def test_an_unknown_sex_names_the_models():
-    with pytest.raises(ValueError, match="unknown sex 'robot'; the models are man and woman"):
+    with pytest.raises(ValueError, match="unknown sex 'robot'; allowed: man, woman"):
         Person("robot")  # pyright: ignore[reportArgumentType]
 
 

@@ -100,5 +100,5 @@ def test_sitting_people_wear_shoes_and_lying_people_none() -> None:
 
 
 def test_an_unknown_skin_tone_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown skin tone 'green'; there are light, fair, medium"):
+    with pytest.raises(ValueError, match="unknown skin tone 'green'; allowed: light, fair, medium"):
         Person(skin_tone="green")

@@ -347,4 +347,4 @@ def test_commands_list_the_populations(tmp_path: Path) -> None:
     for command in ("evaluate", "train"):
         result = avrgym(command, f"avrgym/{TASK}Jaco-v1", "--people", "nobody.toml")
         assert result.exit_code == 1
-        assert "unknown people 'nobody.toml'; the distributions are original, revised" in result.stderr
+        assert "unknown people 'nobody.toml'; allowed: original, revised" in result.stderr

@@ -246,11 +246,11 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
         (":Steady", "cannot be imported (ValueError: Empty module name)"),
         (
             "helpers.learning.failing_controllers:WithoutReset",
-            "a WithoutReset without reset; a controller has reset(seed, environment)",
+            "a WithoutReset without reset; a controller needs the methods reset(seed, environment)",
         ),
         ("helpers.learning.failing_controllers:unmakeable", "cannot be created (FileNotFoundError: weights.bin)"),
         ("helpers.learning.failing_controllers:READY.rng.x", "has no attribute 'rng'"),
-        ("operator", "operator needs a person at the controls"),
+        ("operator", "operator needs a person who drives the robot"),
         ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),
     ],

@@ -112,5 +112,5 @@ def _on_surface(model: mujoco.MjModel, mesh: int) -> np.ndarray:
 
 
 def test_an_unknown_robot_names_the_robots():
-    with pytest.raises(ValueError, match=r"unknown robot 'R2D2'; the robots are Jaco"):
+    with pytest.raises(ValueError, match=r"unknown robot 'R2D2'; allowed: Jaco"):
         find_robot("R2D2")

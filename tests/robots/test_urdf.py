@@ -108,7 +108,7 @@ def test_a_moving_link_without_mass_is_named() -> None:
     text = description()
     for name in ("link_6", "thumb", "finger", "tip"):
         text = text.replace(link(name), link(name, ""))
-    message = "the link 'link_6' moves and has no mass; allowed: an <inertial>"
+    message = "the link 'link_6' moves but has no mass; allowed: an <inertial>"
     with pytest.raises(ValueError, match=message):
         arm_of(text)
     with pytest.raises(ValueError, match=message):
@@ -131,7 +131,7 @@ def test_a_prismatic_joint_of_an_arm_is_refused_in_words() -> None:
             "is xacro, not URDF; .*`xacrodoc FILE.xacro",
         ),
         ('<robot><link name="$(find arm)/a"/></robot>', "is xacro, not URDF"),
-        ("/home/me/arm.urdf", "not XML: .*; allowed: the text of a URDF, not its path"),
+        ("/home/me/arm.urdf", "not XML: .*; allowed: the text of a URDF file, not its path"),
         ("<mujoco/>", "the root element is <mujoco>; allowed: <robot>"),
         (
             description(third="floating"),

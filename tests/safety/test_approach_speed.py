@@ -86,7 +86,7 @@ def test_the_guard_overrides_exactly_above_the_speed_limits():
             elif not guard.overriding[world]:
                 assert_array_equal(given[world], asked[world])
             if guard.overriding[world]:
-                what = "comes" if guard.retracting[world] else "and tool come together"
+                what = "approaches" if guard.retracting[world] else "and tool approach"
                 assert f" {what} at " in guard.describe_override(world)
         before = now
         episodes.step(given)

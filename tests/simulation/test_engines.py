@@ -38,7 +38,7 @@ def test_what_the_engine_lacks_is_named_with_its_cure(monkeypatch: pytest.Monkey
 
 
 def test_more_worlds_than_memory_are_refused_with_how_many_there_is_room_for() -> None:
-    with pytest.raises(ValueError, match=r"^100000000 worlds take \d+\.\d GiB .*; allowed: up to \d+$"):
+    with pytest.raises(ValueError, match=r"^100000000 worlds need \d+\.\d GiB .*; allowed: up to \d+$"):
         Episodes(ENVIRONMENT, 100_000_000)
 
 
@@ -124,7 +124,7 @@ def test_an_overflow_is_told(both: list[Episodes]) -> None:
     overflow = both[1].simulation.engine._data.overflow  # pyright: ignore[reportAttributeAccessIssue]
     overflow.assign(np.array([0, 1, 8 | 1 << 9], dtype=np.int32))
     with pytest.raises(
-        RuntimeError, match="overflowed: NEFC in 1, NARROWPHASE in 1 of 3 worlds; each has room"
+        RuntimeError, match="overflowed: NEFC in 1, NARROWPHASE in 1 of 3 worlds; each has memory"
     ):
         simulation.step(1)
     simulation.step(1)
@@ -141,7 +141,7 @@ def test_without_a_gpu_the_engine_says_so() -> None:
     if warp.libraries().torch.cuda.is_available():
         pytest.skip("there is a GPU here")
     with pytest.raises(
-        ValueError, match="needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it"
+        ValueError, match="needs a CUDA device, and PyTorch finds none; `warp:cpu` uses the CPU"
     ):
         Episodes(ENVIRONMENT, 1, engine="warp")
 

@@ -99,7 +99,7 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
 def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
     episodes = Episodes(FEEDING, 2, person=Person("woman", 0.54, pose), num_threads=1)
     with pytest.raises(
-        ValueError, match=f"none of {MAX_START_DRAWS} starts leaves enough clearance.*{words}"
+        ValueError, match=f"none of {MAX_START_DRAWS} initial states has enough clearance.*{words}"
     ):
         episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
 

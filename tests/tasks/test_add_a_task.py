@@ -85,7 +85,10 @@ def test_broken_tasks_are_named_and_skipped(installed):
         ("Missing = nowhere:TASK (unfinished 1.0)", "No module named 'nowhere'"),
         ("NoRecord = json:dumps (unfinished 1.0)", "allowed: a Task"),
         ("avrgym/NoSceneJaco-v1", "no scene yet"),
-        ("NoScene = unfinished:NO_SCENE (unfinished 1.0)", "no robot can do task NoScene"),
+        (
+            "NoScene = unfinished:NO_SCENE (unfinished 1.0)",
+            "no robot has the arm, mount and grip for task NoScene",
+        ),
         ("Twice = unfinished:TWICE (unfinished 1.0)", "a task named TouchElbow is already registered"),
     ):
         assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said

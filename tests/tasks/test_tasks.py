@@ -114,7 +114,7 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
     registry = Registry(ROBOTS)
     registry.add(replace(FEEDING, name="Small", scene=by_jaco))
     assert registry.environments == {"avrgym/SmallJaco-v1": ("Small", "Jaco")}
-    with pytest.raises(ValueError, match="no robot can do task Hooked"):
+    with pytest.raises(ValueError, match="no robot has the arm, mount and grip for task Hooked"):
         registry.add(replace(FEEDING, name="Hooked", scene=by_none))
     assert registry.broken == []
 

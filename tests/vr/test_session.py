@@ -262,7 +262,7 @@ def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) 
     for detail in details:
         region, *_, speed, _, _, limit, _ = detail.split()
         assert float(limit) == round(limits_m_s[region], 2) <= float(speed)
-    assert {detail.split(" at ")[0].partition(" ")[2] for detail in details} == {"and tool come together"}
+    assert {detail.split(" at ")[0].partition(" ")[2] for detail in details} == {"and tool approach"}
 
 
 def test_the_torso_height_is_measured(whole: Visit) -> None:

@@ -1,4 +1,4 @@
-"""Measures the speed of environments, and of the bare physics of the same worlds."""
+"""Measures the speed of environments, and of physics alone in the same worlds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ class SimulationSpeed:
     """Medians over runs of whole episodes with random actions and static people.
 
     ``steps_per_second``: control steps of 0.1 s, with resets, observations and rewards. ``physics_steps_per_second``:
-    steps of 10 ms of the same models, from the same starts, with the same commands and nothing else. ``ratio``: the
-    first over the second, in the same unit, per run. On any engine but threads, control steps stay on its device, as in
-    training.
+    physics steps of 10 ms alone, with the same models, initial states and commands. ``ratio``: the median over runs of
+    the speed of control steps divided by the speed of physics, in the same unit. On a device, control steps run on this
+    device, as in training.
     """
 
     env: str
@@ -60,7 +60,7 @@ def measure_simulation(
         RuntimeError: if a package that the engine needs is not installed.
     """
     if num_envs < 1:
-        raise ValueError(f"{num_envs} environments; at least 1 is needed")
+        raise ValueError(f"{num_envs} environments; allowed: 1 or more")
     episodes = Episodes(
         environment_id, num_envs, people="revised", engine=engine, on_device=engine != THREADS
     )
@@ -84,7 +84,7 @@ def measure_simulation(
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
-    """Run one episode of all worlds, then its physics alone."""
+    """Run one episode of all worlds with all computations, then with physics alone."""
     engine = episodes.simulation.engine
     drawn = random_streams.benchmark_actions(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
@@ -99,9 +99,9 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     for action in actions:
         episodes.step(action)
         commands.append(episodes.simulation.controls())
-    episodes.check()  # which waits for what is still under way on a device
+    episodes.check()  # this waits until a device has finished
     episode_s = perf_counter() - began
-    if apart is None:  # another set of worlds would take the device's memory twice
+    if apart is None:  # a second set of worlds would need twice the memory of the device
         _reset(episodes, seed)
         return _Run(reset_s, episode_s, _physics_s(engine, engine.now.ctrl, engine.step, commands))
     return _Run(
@@ -115,7 +115,7 @@ def _reset(episodes: Episodes, seed: int) -> None:
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:
-    """The time of control steps with these commands, without observations and rewards."""
+    """Duration in seconds of control steps with these commands, without observations and rewards."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command

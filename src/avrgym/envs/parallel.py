@@ -29,9 +29,9 @@ ROBOT, HUMAN = "robot", "human"
 
 
 class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
-    """One world with two agents. Observations, rewards and infos of the robot are those of ``gym.make``.
+    """One world with two agents. The robot's observations, rewards and infos are the same as with ``gym.make``.
 
-    The human's action (K,) is the speed of each of ``joints``, as a share, −1 to 1, of the speed of unhurried people.
+    The human's action (K,) is the speed of each of ``joints``, in [−1, 1], divided by the speed of unhurried people.
     With the zero action the human sits still.
     """
 
@@ -52,13 +52,13 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     ) -> None:
         """See ``Episodes`` for people, person, impairment and force guard, ``Settings`` for the rest.
 
-        The human's actions replace people's own movements. A person may be given as the mapping of their fields.
+        The human's actions replace the population's movements. A person may be given as the mapping of their fields.
 
-        Without a shared reward each agent pays for its own effort: the human's reward contains the human's squared
+        Without a shared reward, each agent has its own action penalty: the human's reward contains the human's squared
         action instead of the robot's.
 
         Raises:
-            ValueError: for an unknown name, with the allowed ones.
+            ValueError: for an unknown name. The message lists the allowed names.
         """
         check_render_mode(render_mode, environment_id)
         self.render_mode, self._shared_reward = render_mode, shared_reward
@@ -97,7 +97,8 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     def reset(
         self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
-        """Start an episode. A seed gives that of ``gym.make``; without one the random stream continues."""
+        """Start an episode. A seed gives the same episode as in ``gym.make``. Without a seed the random stream
+        continues."""
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
@@ -115,11 +116,13 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Take one control step; for both agents the episode is truncated after ``max_episode_steps``.
+        """Take one control step. For both agents the episode is truncated after ``max_episode_steps``.
+
+        An error changes nothing.
 
         Raises:
-            ValueError: without an action of each agent, for another shape, or for numbers that are not finite.
-            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
+            ValueError: for a missing action, a wrong shape, or numbers that are not finite.
+            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
         """
         if not self.agents:
             raise ResetNeeded(
@@ -148,7 +151,9 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """The actions of robot and human, as numbers."""
         if set(actions) != set(self.possible_agents):
             found = ", ".join(actions) or "nobody"
-            raise ValueError(f"actions of {found}; allowed: one of each of {', '.join(self.possible_agents)}")
+            raise ValueError(
+                f"actions of {found}; allowed: one action of each agent: {', '.join(self.possible_agents)}"
+            )
         return [self._checked_of(agent, actions[agent]) for agent in self.possible_agents]
 
     def _checked_of(self, agent: str, action: Action) -> FloatArray:

@@ -1,6 +1,6 @@
 """Registers the Gymnasium environments: one world, or many as the native vector environment.
 
-The modules behind them are imported when the first environment is made.
+Their modules are imported when the first environment is created.
 """
 
 # Gymnasium's functions: their types are known only in part.
@@ -27,7 +27,7 @@ def register() -> None:
 
 
 def _environment_ids() -> Iterable[str]:
-    """Ids of all environments; without plug-ins, no task is imported for them."""
+    """Ids of all environments. Without plug-ins this imports no task."""
     if not (plugins.entries(plugins.TASKS) or plugins.entries(plugins.ROBOTS)):
         return ENVIRONMENTS
     from avrgym.tasks import registry

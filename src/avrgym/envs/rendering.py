@@ -35,10 +35,10 @@ class Camera:
         height_px: int = HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
-        """Build the scene of the present episode with its appearance, seen from the side or with the person's eyes.
+        """Build the scene of the present episode with its appearance, seen from the side or through the person's eyes.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with a setting that may help.
+            RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
@@ -96,14 +96,14 @@ class Renderer:
     _camera: Camera | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy continues to the same bits and renders with its own camera."""
+        """State for copies: a copy continues bit-identically and renders with its own camera."""
         return {**self.__dict__, "_camera": None}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``.
+        """Returns an image (480, 640, 3) in the render mode ``rgb_array``, else ``None``.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with a setting that may help.
+            RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         if self.render_mode is None:
             return None

@@ -1,4 +1,4 @@
-"""Exports the start of an episode, scene, person and robot, to MJB, MJCF and USD."""
+"""Exports the initial state of an episode (scene, person and robot) to MJB, MJCF and USD."""
 
 import json
 from dataclasses import asdict
@@ -24,15 +24,16 @@ from avrgym.tasks.episodes import Episodes
 
 MJB, MJCF, START, USD = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
 EPISODE_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
-"""Model fields that an episode sets and MJCF can express. MJCF cannot express ``body_invweight0``."""
+"""Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
 START_KEY = "start"
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
-    """Write the start of the first world's episode into a new folder: MJB, MJCF with textures, and the state.
+    """Write the initial state of the first world's episode into a new folder: MJB, MJCF with textures, and JSON.
 
-    The MJB steps to the same bits and contains no appearance. The MJCF contains both, with six digits, but its person
-    is less compliant: MJCF cannot contain their higher ``body_invweight0``.
+    The MJB reproduces the simulation bit for bit but contains no appearance. The MJCF contains dynamics and appearance,
+    with six significant digits. The MJCF's person is less compliant, because MJCF cannot store the person's higher
+    ``body_invweight0``.
 
     Raises:
         FileExistsError: if the folder exists.
@@ -55,7 +56,7 @@ def write_scene(episodes: Episodes, out: Path) -> None:
 
 
 def check_new_folder(out: Path) -> None:
-    """Raises ``FileExistsError`` if something would be overwritten."""
+    """Raises ``FileExistsError`` if the folder exists."""
     if out.exists():
         raise FileExistsError(f"{out} exists; scenes go into a new folder")
 
@@ -114,7 +115,7 @@ def _write_textures(spec: mujoco.MjSpec, out: Path) -> None:
 
 
 def _embed_meshes(spec: mujoco.MjSpec) -> None:
-    """Store the vertices of meshes from files in the MJCF, as those of all other meshes."""
+    """Store the vertices of meshes from files in the MJCF itself, like the vertices of all other meshes."""
     model = spec.compile()
     for mesh in spec.meshes:
         if mesh.file:

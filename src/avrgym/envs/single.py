@@ -56,9 +56,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 ):
     """One world.
 
-    ``info``: ``success`` (so far), ``reward_terms`` (unweighted) and ``force_on_person`` (N). With the force guard also
-    ``guard_interventions``, their number in the episode. In steps in which the force guard or the withdrawal replaced
-    the action, ``executed_action`` (J,) is the action at the end of the step.
+    ``info`` contains ``success`` (up to the present step), ``reward_terms`` (unweighted) and ``force_on_person`` (N).
+    With the force guard it also contains ``guard_interventions``, the number of interventions in the episode. If the
+    force guard or the withdrawal replaced the action, ``executed_action`` (J,) is the action at the end of the step.
     """
 
     metadata = METADATA
@@ -108,7 +108,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Start an episode; without a seed the random stream continues. The info describes the start."""
+        """Start an episode. Without a seed the random stream continues. Returns the first observation and info."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
@@ -117,11 +117,13 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(start), info_of(start)
 
     def step(self, action: Float32Array) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Take one control step; the episode is truncated after ``max_episode_steps`` and never terminates.
+        """Take one control step. The episode is truncated after ``max_episode_steps`` and never terminates.
+
+        An error changes nothing.
 
         Raises:
             ValueError: for an action of another shape than (J,), or with numbers that are not finite.
-            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
+            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
         """
         if not self._steps_left:
             raise ResetNeeded(
@@ -146,9 +148,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 class _SingleEntry:
     """Entry point of ``gym.make``.
 
-    For environments that render images, Gymnasium adds a window for the render mode "human", which fails at the first
-    reset without a screen. With "human" among the modes here, Gymnasium passes the mode on and the environment rejects
-    it.
+    For environments that render images, Gymnasium implements the render mode "human" with a window. Without a screen
+    this fails at the first reset. If "human" is among the modes here, Gymnasium does not add the window, and the
+    environment can reject the mode.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
@@ -158,11 +160,11 @@ class _SingleEntry:
 
 
 def _requested_length(entry: FrameType | None) -> int:
-    """The episode length in the call of ``gym.make`` that called the entry point.
+    """The argument ``max_episode_steps`` of the ``gym.make`` call that called the entry point.
 
-    Gymnasium wraps the environment in a time limit and does not pass the limit on. The environment needs it to reject
-    steps after an episode's end. A wrapper around the time limit (``additional_wrappers``) does not work:
-    ``gym.make_vec`` rejects it next to a vector entry point.
+    Gymnasium wraps the environment in a time limit and does not pass the limit to the environment. The environment
+    needs the limit to reject steps after the end of an episode. A wrapper around the time limit
+    (``additional_wrappers``) does not work, because ``gym.make_vec`` rejects it together with a vector entry point.
     """
     make = None if entry is None or entry.f_back is None else entry.f_back.f_locals
     asked, spec = (None if make is None else make.get(name) for name in ("max_episode_steps", "env_spec"))
@@ -175,7 +177,7 @@ single_entry = _SingleEntry()
 def info_of(step: Step) -> dict[str, Any]:
     """Returns the info of the first world.
 
-    Values are Python's own: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's.
+    Values have Python's types: Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's.
     """
     info: dict[str, Any] = {
         "success": bool(step.success[0]),
@@ -190,9 +192,9 @@ def info_of(step: Step) -> dict[str, Any]:
 
 
 def check_render_mode(render_mode: str | None, environment_id: str) -> None:
-    """Raises ``ValueError`` for an unknown render mode, with the allowed ones."""
+    """Raises ``ValueError`` for an unknown render mode. The message lists the allowed modes."""
     if render_mode is not None and render_mode not in METADATA["render_modes"]:
         raise ValueError(
-            f"unknown render mode {render_mode!r}; the modes are None, {', '.join(METADATA['render_modes'])}; "
+            f"unknown render mode {render_mode!r}; allowed: None, {', '.join(METADATA['render_modes'])}; "
             f"`avrgym view {environment_id}` shows the environment live in a browser"
         )

@@ -1,4 +1,4 @@
-"""Makes the specs of environments plain data, from which Gymnasium makes the same environment again."""
+"""Serializable specs of environments: Gymnasium creates the same environment from plain data."""
 
 import copy
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""The native vector environment: many worlds stepped together."""
+"""The native vector environment: many worlds stepped in parallel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -39,7 +39,7 @@ from avrgym.tasks.settings import as_settings
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     SerializableSpec, VectorEnv[Observed, Float32Array, NumpyArray]
 ):
-    """N worlds stepped together, with the behaviour of ``gymnasium.vector.SyncVectorEnv`` of N single environments.
+    """N worlds stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
     ``autoreset_mode`` determines when a world starts its next episode: in the same step (default); in the next step,
     which ignores the world's action and has reward 0; or by ``reset`` with ``options={"reset_mask": mask}``.
@@ -111,7 +111,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._worlds = [World(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy continues to the same bits and renders with its own cameras."""
+        """State for copies: a copy continues bit-identically and renders with its own cameras."""
         return {**self.__dict__, "_views": {}}
 
     @property
@@ -129,12 +129,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ) -> tuple[Observed, dict[str, Any]]:
         """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
-        World i with seed s is the single environment with seed s + i. A list has a seed for each world, or None where
-        the random stream continues.
+        With seed s, world i has the same episode as the single environment with seed s + i. A list contains a seed for
+        each world, or None to continue the random stream.
 
         Raises:
-            ValueError: for another number of seeds than worlds, or an invalid mask.
-            gymnasium.error.ResetNeeded: if the first reset has a mask that is not for all worlds.
+            ValueError: if the number of seeds is not N, or for an invalid mask.
+            gymnasium.error.ResetNeeded: if the mask of the first reset does not include all worlds.
         """
         which = reset_mask(options, self.num_envs)
         if self._now is None and not which.all():
@@ -147,12 +147,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def step(
         self, actions: Float32Array
     ) -> tuple[Observed, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Take one control step in all worlds.
+        """Take one control step in all worlds. An error changes nothing.
 
         Raises:
             ValueError: for actions of another shape than (N, J), or with numbers that are not finite.
-            gymnasium.error.ResetNeeded: before the first reset, and after an episode's end without automatic reset.
-                Nothing has moved then.
+            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode without automatic
+            reset.
         """
         self._check_running()
         same_step, ended = self.autoreset_mode is AutoresetMode.SAME_STEP, self._ended
@@ -195,7 +195,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
 
     def _begin(self, which: BoolArray) -> Step:
-        """Start episodes in some worlds (N,); returns the present outcome of all worlds."""
+        """Start episodes in the worlds of a mask (N,). Returns the present step of all worlds."""
         ids = np.nonzero(which)[0]
         if not len(ids) and self._now is not None:
             return self._now
@@ -218,10 +218,10 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of each world: from a list or tuple (N,), or to the same value.
+        """Set an attribute of each world, from a list or tuple (N,) or to one value for all.
 
         Raises:
-            ValueError: for another number of values than worlds.
+            ValueError: if the number of values is not N.
         """
         each: Sequence[Any] = values if is_array(values) else [values] * self.num_envs
         if len(each) != self.num_envs:
@@ -232,12 +232,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             setattr(world, name, value)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Returns an image (480, 640, 3) of each world with the render mode ``rgb_array``, else ``None``.
+        """Returns an image (480, 640, 3) of each world in the render mode ``rgb_array``, else ``None``.
 
-        Every world has its own model and graphics context: use it with few worlds.
+        Use few worlds: each needs its own model and graphics context.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with a setting that may help.
+            RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         if self.render_mode is None:
             return None
@@ -249,7 +249,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._views[world].picture()
 
     def picture(self, world: int) -> NDArray[np.uint8] | None:
-        """Returns an image (480, 640, 3) of one world with the render mode ``rgb_array``, else ``None``."""
+        """Returns an image (480, 640, 3) of one world in the render mode ``rgb_array``, else ``None``."""
         return None if self.render_mode is None else self._picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:

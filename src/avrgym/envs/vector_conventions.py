@@ -27,10 +27,12 @@ class RandomStreams:
         self.seeds: list[int] = [seed for _, seed in made]
 
     def reseed(self, seed: Seeds, which: BoolArray) -> None:
-        """Seed the generators of some worlds (N,): world i with seed + i, or with the i-th seed unless that is None.
+        """Seed the generators of the worlds in a mask (N,).
+
+        With one seed, world i gets seed + i. With a list, world i gets the i-th seed, except if it is None.
 
         Raises:
-            ValueError: for another number of seeds than worlds.
+            ValueError: if the number of seeds is not N.
             gymnasium.error.Error: for a negative seed.
         """
         wanted = self._one_each(seed)
@@ -55,9 +57,9 @@ NO_TIME_LIMIT = -1
 
 
 def check_count(name: str, count: object) -> None:
-    """Raises ``ValueError`` for anything but an integer of 1 or more."""
+    """Raises ``ValueError`` if ``count`` is not an integer of 1 or more."""
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise ValueError(f"{name} is {count!r}; allowed: 1 or more")
+        raise ValueError(f"{name} is {count!r}; allowed: an integer of 1 or more")
 
 
 def check_length(steps: object) -> None:
@@ -72,10 +74,10 @@ def plain_seed(seed: int | np.integer | None) -> int | None:
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
-    """Returns the worlds (N,) to reset: those of ``options["reset_mask"]``, or all.
+    """Boolean mask (N,) of the worlds to reset: ``options["reset_mask"]``, or all worlds.
 
     Raises:
-        ValueError: for anything but a boolean array (N,) with one ``True`` or more.
+        ValueError: if the mask is not a boolean array (N,) with at least one ``True``.
     """
     if options is None or "reset_mask" not in options:
         return np.ones(count, dtype=bool)
@@ -83,13 +85,13 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     if mask.dtype != np.bool_ or mask.shape != (count,) or not mask.any():
         raise ValueError(
             f"options['reset_mask'] is {options['reset_mask']!r}; "
-            f"allowed: a boolean array of shape ({count},) with one True or more"
+            f"allowed: a boolean array of shape ({count},) with at least one True"
         )
     return mask
 
 
 def select_worlds(which: BoolArray, some: Step, others: Step) -> Step:
-    """Returns a step with the outcome of ``some`` in the worlds ``which`` (N,), and of ``others`` elsewhere."""
+    """Combine two steps: ``some`` in the worlds of the mask ``which`` (N,), ``others`` in all other worlds."""
     terms = {name: _where(which, term, others.reward_terms[name]) for name, term in some.reward_terms.items()}
     parts: dict[str, Any] = {
         field.name: _where(which, getattr(some, field.name), getattr(others, field.name))
@@ -104,7 +106,7 @@ def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray
 
 
 def infos(step: Step, of: BoolArray) -> dict[str, Any]:
-    """Returns the infos of some worlds (N,), with zeros for the others, and for each key a mask of its worlds."""
+    """Returns the infos of the worlds in a mask (N,), with zeros for the other worlds, and a mask for each key."""
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
     found: dict[str, Any] = {
         "success": step.success & of,
@@ -171,5 +173,5 @@ class World:
         return self._env.np_random_seed[self._index]
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``."""
+        """Returns an image (480, 640, 3) in the render mode ``rgb_array``, else ``None``."""
         return self._env.picture(self._index)

@@ -1,7 +1,7 @@
 """Functions for NumPy arrays and arrays of other libraries (Python array API), such as PyTorch tensors on a GPU.
 
-Functions compute with the library of their arguments, so that one source serves all. With NumPy arrays the results are
-the same bits as NumPy's. With others nothing is copied to the host: no function branches on values or counts.
+Functions compute with the library of their arguments. With NumPy arrays, results are bit-identical to NumPy's
+functions. With other libraries nothing is copied to the host, because no function branches on values or counts.
 """
 
 from dataclasses import is_dataclass, replace
@@ -17,7 +17,7 @@ from avrgym.array_types import AnyArray, FloatArray, IntArray, NumpyArray
 RAD_PER_DEGREE = float(np.radians(1.0))
 
 _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
-"""Types that NumPy functions accept."""
+"""Types that NumPy functions accept directly."""
 
 
 def namespace(*values: AnyArray) -> Any:
@@ -29,9 +29,10 @@ def namespace(*values: AnyArray) -> Any:
 
 
 def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
-    """The array library of the values, then each value as a floating-point array of it.
+    """Returns the array library of the values, then each value as a floating-point array of this library.
 
-    NumPy values become float64. Host numbers next to arrays of another library become arrays of it.
+    NumPy values become float64. If one value is an array of another library, host numbers become arrays of that
+    library.
     """
     for value in values:
         if not isinstance(value, _NUMPYS):
@@ -40,7 +41,7 @@ def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def constant_like(values: AnyArray, array: AnyArray) -> AnyArray:
-    """Constants as arrays of the library, device and (if floating) data type of ``array``. With NumPy they do not
+    """Convert constants to the library, device and (if floating) data type of ``array``. For NumPy they do not
     change."""
     if isinstance(array, _NUMPYS) or not isinstance(values, _NUMPYS):
         return values
@@ -87,10 +88,10 @@ def row_indices(array: AnyArray) -> AnyArray:
 
 
 def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
-    """Index arrays, one for each axis, of the elements to compute: with NumPy those where a mask is true.
+    """Index arrays, one for each axis, of the elements to compute: with NumPy the elements for which a mask is true.
 
-    With other libraries it is all elements, because the number of true ones would have to be copied to the host. The
-    caller must mask the results.
+    With other libraries all elements are computed, because the number of true elements would have to be copied to the
+    host. The caller must mask the results.
     """
     xp = namespace(mask)
     if xp is np:
@@ -100,11 +101,11 @@ def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
-    """Values between two limits at shares 0 to 1, any shape."""
+    """Linear interpolation between two limits at shares 0 to 1, any shape."""
     return limits[0] + (limits[1] - limits[0]) * share
 
 
 def choose_index(uniform: FloatArray, count: IntArray | int) -> IntArray:
-    """Indices 0 to ``count`` − 1 from uniform numbers in 0..1, each index equally likely."""
+    """Map uniform numbers in [0, 1] to indices 0 to ``count`` − 1. All indices are equally likely."""
     xp = namespace(uniform)
     return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)

@@ -1,7 +1,7 @@
 """Distances of segments from segments, points and boxes, vectorised over pairs.
 
-A capsule is a segment with a radius. The distance of two capsules is that of their segments minus both radii. Functions
-broadcast over leading axes and work element by element, so that a pair's result does not depend on other pairs.
+A capsule is a segment with a radius. The distance of two capsules is the distance of their segments minus both radii.
+Functions broadcast over leading axes and work element by element: a pair's result does not depend on other pairs.
 Internally the vector axis is first, which is faster. Arrays may be of any library, see ``arrays``.
 """
 
@@ -38,7 +38,7 @@ def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatAr
 def segment_box_distance(
     box_pos_w: FloatArray, box_q_w: FloatArray, half_size_m: FloatArray, s0_w: FloatArray, s1_w: FloatArray
 ) -> FloatArray:
-    """Distance (...) in metres of segments from oriented boxes; 0 where they intersect.
+    """Distance (...) in metres between segments and oriented boxes; 0 where they intersect.
 
     Args:
         box_pos_w: box centres (..., 3).
@@ -56,11 +56,11 @@ def segment_box_distance(
 
 
 def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> FloatArray:
-    """Position along segments, 0 to 1, that is closest to boxes at the origin: shape (...); arguments (3, ...).
+    """Position (...) along segments, 0 to 1, that is closest to boxes at the origin; arguments (3, ...).
 
-    The squared distance is convex. Along each axis its slope is zero between the positions at which the segment enters
-    and leaves the box's slab, and linear outside. The zero of the sum lies between two neighbouring positions, and one
-    Newton step from between them finds it.
+    The squared distance is convex. Its slope along each axis is zero inside the box's slab and linear outside. The sum
+    of slopes is therefore linear between neighbouring positions at which the segment enters or leaves a slab. One
+    Newton step from the correct interval finds its zero.
     """
     xp = namespace(start)
     least = _vanishing(along)
@@ -86,18 +86,18 @@ def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
 
 
 def _vanishing(x: FloatArray) -> float:
-    """Numbers below this count as zero: the inverse must be finite in this precision."""
+    """Threshold below which a number counts as zero: its inverse must be finite in the array's precision."""
     return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
 def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """Faster than ``numpy.clip``."""
+    """Clip to a range; faster than ``numpy.clip``."""
     xp = namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
-    """Vectors (..., n) as (n, ...) with equally many axes."""
+    """Move the last axis of vectors (..., n) to the front, after padding them to equal numbers of axes."""
     xp, *arrays = as_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))

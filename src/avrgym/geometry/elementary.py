@@ -1,12 +1,12 @@
 """Elementary functions whose results are the same bits on every processor.
 
-NumPy and BLAS choose between implementations that differ in the last bit, depending on the processor, and contacts
-amplify that to centimetres. These functions use only sums, products, quotients and square roots in a fixed order, which
-IEEE 754 defines to the bit. Arguments are reduced with constants in several parts (Cody and Waite, "Software Manual for
-the Elementary Functions", 1980), followed by Taylor series.
+NumPy and BLAS choose implementations depending on the processor, and these differ in the last bit. Contacts amplify
+this difference to centimetres. The functions here use only sums, products, quotients and square roots in a fixed order,
+which IEEE 754 defines to the last bit. Arguments are reduced with constants in several parts (Cody and Waite, "Software
+Manual for the Elementary Functions", 1980), followed by Taylor series.
 
 Arguments are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last
-place of 1, or of the result if that is larger; those of powers grow with the result's logarithm. Arrays of other
+place of 1, or of the result if it is larger. Errors of powers increase with the result's logarithm. Arrays of other
 libraries than NumPy use the functions of their library.
 """
 
@@ -43,9 +43,9 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
-    """Sine and cosine of radians, to 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
+    """Sine and cosine of radians. Errors are below 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ revolutions (float32: 100).
 
-    Series for a quarter of the angle, which is doubled twice.
+    Taylor series of a quarter of the angle, followed by two applications of the double-angle formulas.
     """
     library = namespace(x)
     if library is not np:
@@ -83,10 +83,10 @@ def tan(x: ArrayLike) -> NumpyArray:
 
 @_or_by_library("atan2")
 def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
-    """Angle of the point (x, y), −π..π; 0 at the origin.
+    """Angle of the point (x, y) in radians, −π..π; 0 at the origin.
 
-    With t the ratio of the smaller to the larger coordinate: arctan t = arctan c + arctan (t − c)/(1 + c t), with c the
-    nearest quarter.
+    t is the ratio of the smaller to the larger coordinate, c the multiple of 1/4 closest to t: arctan t = arctan c +
+    arctan (t − c)/(1 + c t).
     """
     y, x = np.broadcast_arrays(_floating(y), _floating(x))
     across, along = np.abs(y), np.abs(x)
@@ -103,14 +103,14 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
 
 @_or_by_library("asin")
 def arcsin(x: ArrayLike) -> NumpyArray:
-    """Angle −π/2..π/2 with sine x, −1..1."""
+    """Angle −π/2..π/2 in radians whose sine is x, −1..1."""
     x = _floating(x)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
 @_or_by_library("acos")
 def arccos(x: ArrayLike) -> NumpyArray:
-    """Angle 0..π with cosine x, −1..1."""
+    """Angle 0..π in radians whose cosine is x, −1..1."""
     x = _floating(x)
     return arctan2(np.sqrt((1.0 - x) * (1.0 + x)), x)
 
@@ -183,12 +183,13 @@ _CIRCULAR = {
         _alternating(range(0, 10, 2)),
     ),
 }
-"""2π as a sum, whose first parts times a number of turns are exact; series of sine and cosine up to π/4."""
+"""By data type: 2π as a sum of parts, and series of sine and cosine up to π/4. Products of the first parts and a number
+of revolutions are exact."""
 
 _ARCTANGENTS = np.array(
     [0.0, 0.24497866312686414, 0.4636476090008061, 0.6435011087932844, 0.7853981633974483]
 )
-"""Of 0, 1/4, 1/2, 3/4 and 1."""
+"""Arctangents of 0, 1/4, 1/2, 3/4 and 1."""
 _ARCTANGENT = [(-1.0) ** n / (2.0 * n + 1.0) for n in reversed(range(8))]
 _EXPONENTIAL = [1.0 / math.factorial(power) for power in reversed(range(1, 15))]
 _LN_2 = (0.6931471806019545, -4.2009150726810846e-11)
@@ -197,7 +198,7 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 @cache
 def fingerprint_of_c_library() -> str:
-    """Eight hexadecimal digits of the rounding of the C library's functions, which MuJoCo uses."""
+    """Hash (eight hexadecimal digits) of the C library's rounding in the functions that MuJoCo uses."""
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)
     values = [function(number) for function in functions for number in numbers if number < 700.0]

@@ -65,8 +65,8 @@ class Chain:
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """The same chain with all joints along z: J + 1 fixed displacements and rotation columns, the last to the
-        tip."""
+        """The same chain with all joint axes along z: J + 1 fixed displacements and rotation columns. The last link
+        ends at the tip."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
@@ -89,7 +89,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _snapped(values: FloatArray) -> list[Any]:
-    """Round numbers close to 0 and ±1, which makes products cheap."""
+    """Round numbers close to 0 and ±1 to these values, which makes products cheap."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
@@ -115,7 +115,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     names = tuple(name for name, _, _ in segments)
     if names != tuple(joints):
         raise ValueError(f"the joints from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
-    # What was gathered after a joint belongs before the next one; the last piece is the tip.
+    # A transform after a joint belongs to the link before the next joint; the last one leads to the tip.
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
     ranges = np.stack([_range(model, name) for name in joints])
     return Chain(
@@ -131,7 +131,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
 
 
 def joint_units(types: Sequence[int]) -> FloatArray:
-    """Joint displacements (J,) that count as 1, for types of MuJoCo; see ``Chain.units``."""
+    """Joint displacements (J,) that count as 1, for MuJoCo's joint types; see ``Chain.units``."""
     return np.where(np.equal(types, SLIDE), METRES_PER_RADIAN, 1.0)
 
 
@@ -181,15 +181,16 @@ WEIGHT_FLOOR = 0.001
 def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Joint-limit weights (N, J) for joint positions (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
 
-    The minimum of 0.001 applies outside the range. With half the range r and the lower limit l (Kapusta and Kemp,
-    "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019): w = 1 − 0.5^((r −
-    |r − q + l|) / (0.05 r) + 1).
+    Half the range is r, the lower limit l: w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1), with a minimum of 0.001
+    outside the range (Kapusta and Kemp, "Task-centric optimization of configurations for assistive robots", Autonomous
+    Robots 43, 2019).
     """
     limited = np.isfinite(chain.upper)
     lower, upper = np.where(limited, chain.lower, -1.0), np.where(limited, chain.upper, 1.0)
     half = 0.5 * (upper - lower)
     margins = (half - np.abs(half - joint_positions + lower)) / (LIMIT_MARGIN * half)
-    bounded = np.maximum(margins, -1.0)  # the floor holds from there on; powers of less would overflow
+    # the minimum of 0.001 applies below this exponent; powers with lower exponents would overflow
+    bounded = np.maximum(margins, -1.0)
     return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
 
 
@@ -210,7 +211,7 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Solution:
-    """Joint positions (N, J) and residual errors: metres (N,) and radians (N,), 0 for an error without a target."""
+    """Joint positions (N, J) and residual errors: metres (N,) and radians (N,). Without a target, an error is 0."""
 
     joint_positions: FloatArray
     position_error_m: FloatArray
@@ -220,7 +221,7 @@ class Solution:
 MAX_ITERATIONS = 50
 MAX_TURN_RAD = 0.5
 METRES_PER_RADIAN = 0.3
-"""One radian counts as 0.3 m: of a rotation error, and of a joint's motion."""
+"""One radian of a rotation error, or of a joint's motion, counts as 0.3 m."""
 BLOCK_ROWS = 4096
 """Rows in a block: large against NumPy's call overhead, small enough for the processor's cache."""
 
@@ -235,21 +236,21 @@ def solve(
     tolerance: float = 1e-4,
     precision: DTypeLike = np.float64,
 ) -> Solution:
-    """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the ranges.
+    """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the joint ranges.
 
-    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at
-    an end of its range that the error pushes outwards stays out of the step, as in projected Newton methods
-    (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). From the present positions, a few iterations
+    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). If the error pushes a
+    joint beyond a limit, this joint is excluded from the step, as in projected Newton methods (Bertsekas, SIAM J.
+    Control and Optimization 20(2), 1982). If the search starts at the present positions, a few iterations are enough to
     follow a moving target.
 
     Args:
         chain: the arm.
         target_pos: (N, 3) in the base frame, metres.
         target_q: (N, 4), or None for any rotation.
-        start: (N, J), the joint positions to start from.
-        iterations: how many steps at most, none of them larger than 0.5 ``Chain.units`` in any joint.
-        tolerance: a row stops moving when its weighted error is below this many metres.
-        precision: of the calculation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
+        start: (N, J), the initial joint positions.
+        iterations: maximum number of steps. A step moves each joint by at most 0.5 ``Chain.units``.
+        tolerance: a row is not changed further when its weighted error is below this value, metres.
+        precision: data type of the computation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
     target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
@@ -278,19 +279,18 @@ ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
 
 
 def restart_uniforms(joints: int) -> int:
-    """Number of uniform numbers for the restarts of one row with ``joints`` joints."""
+    """Number of uniform random numbers for the restarts of one row with ``joints`` joints."""
     return RESTARTS * joints
 
 
 def solve_with_restarts(
     chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_pose: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
-    """Joint positions (N, J) for targets (N, 3) and (N, 4), from one seed pose (J,), then from random poses around it.
+    """Inverse kinematics (N, J) of targets (N, 3) and (N, 4) from a seed pose (J,), then from random poses around it.
 
-    These are up to 1 rad away in each joint, or as many ``Chain.units``.
-
-    A row keeps the first solution within 5 mm and 0.05 rad, or else the best one. ``uniforms`` (N,
-    ``restart_uniforms(J)``) draw the restarts. Continuous joints are wrapped to ±π.
+    The random poses are within 1 ``Chain.units`` of the seed pose in each joint. ``uniforms`` (N,
+    ``restart_uniforms(J)``) determine them. The result of a row is the first solution within 5 mm and 0.05 rad,
+    otherwise the best one. Continuous joints are wrapped to ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
@@ -304,12 +304,12 @@ def solve_with_restarts(
 
 
 def is_accurate(solution: Solution) -> BoolArray:
-    """Which rows (N,) are within 5 mm and 0.05 rad."""
+    """Boolean mask (N,): rows with errors within 5 mm and 0.05 rad."""
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
 def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """``old`` (N,) with its ``rows`` replaced by ``new`` (rows,) where the residual error is smaller."""
+    """Replace ``rows`` of ``old`` (N,) by ``new`` (rows,) where the residual error of ``new`` is smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
@@ -324,9 +324,9 @@ def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
 
 @dataclass(frozen=True)
 class _Poses:
-    """In the base frame: joint origins and axes (J, 3, N), tip position (3, N) and rotation columns (3, 3, N).
+    """Joint origins and axes (J, 3, N), tip position (3, N) and rotation columns (3, 3, N) in the base frame.
 
-    ``slides`` are the indices of slides.
+    ``slides`` are the indices of the joints that are slides.
     """
 
     origins: FloatArray
@@ -357,7 +357,7 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """Jacobian (J, 6, N) by columns; rows 3–5 scaled by ``metres_per_radian``."""
+    """Jacobian as its J columns (J, 6, N); components 3–5 are multiplied by ``metres_per_radian``."""
     j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
     j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
     np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
@@ -367,7 +367,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
 
 
 def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """The same for joints in ``Chain.units``."""
+    """The Jacobian of ``_jacobian``, for joint positions in ``Chain.units``."""
     j = _jacobian(poses, metres_per_radian)
     for slide in poses.slides:
         j[slide] *= METRES_PER_RADIAN
@@ -404,7 +404,7 @@ def _step(
 
 
 def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:
-    """1 for joints (J, N) that can move in the direction of the error, 0 for those at a limit."""
+    """Weights (J, N): 1 for joints that can move in the direction of the error, 0 for joints at a limit."""
     lower, upper = limits
     stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
     return (~stuck).astype(pull.dtype)

@@ -13,16 +13,16 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
 TINY = 1e-30
-"""Replaces a divisor of zero."""
+"""Divisor that replaces zero."""
 
 
 def rows_last(rows_first: FloatArray) -> FloatArray:
-    """(N, ...) to (..., N) with reversed axes: a matrix becomes its columns."""
+    """Reverse the axes of an array (N, ...): rows come last, and a matrix becomes its columns."""
     return np.ascontiguousarray(rows_first.T)
 
 
 def rows_first(rows_last: FloatArray) -> FloatArray:
-    """(..., N) to (N, ...) with reversed axes: columns become their matrix."""
+    """Reverse the axes of an array (..., N): rows come first, and columns become their matrix."""
     return np.ascontiguousarray(rows_last.T)
 
 
@@ -41,13 +41,13 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[float]) -> FloatArray:
-    """Weighted sum of three columns with factors (3,); factors 0 and 1 cost nothing."""
+    """Weighted sum of three columns with factors (3,); factors 0 and 1 need no multiplication."""
     terms = [c if f == 1.0 else f * c for c, f in zip(columns, factors, strict=True) if f != 0.0]
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
 
 
 def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
-    """A W Aᵀ (6, 6, N) for a matrix A as its K columns (K, 6, N), and weights (K, N)."""
+    """The product A W Aᵀ (6, 6, N), given the K columns (K, 6, N) of A and the diagonal (K, N) of W."""
     square = np.zeros((6, 6, matrix.shape[-1]), matrix.dtype)
     for column, weight in zip(matrix, weights, strict=True):
         square += (weight * column)[:, None] * column
@@ -55,14 +55,14 @@ def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def diagonal(matrix: FloatArray) -> FloatArray:
-    """Diagonal (6, N) of (6, 6 or more, N), as a view."""
+    """The diagonal (6, N) of matrices (6, 6 or more, N), as a view."""
     return np.einsum("iin->in", matrix[:, :6])
 
 
 def gaussian_elimination(system: FloatArray) -> None:
-    """Gaussian elimination in place of (6, 6 or more, N); the first six columns are positive semidefinite.
+    """Gaussian elimination, in place, of matrices (6, 6 or more, N) whose first six columns are positive semidefinite.
 
-    No pivoting is needed. The determinant is then the product of the diagonal.
+    These need no pivoting. After the elimination the determinant is the product of the diagonal.
     """
     for k in range(5):
         factor = system[k + 1 :, k] / np.maximum(system[k, k], TINY)
@@ -80,12 +80,12 @@ def solve_linear(system: FloatArray) -> FloatArray:
 
 
 def rotation_between(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Rotation vector (3, N) from a rotation, (3, 3, N) as its columns, to the target."""
+    """Rotation vector (3, N) from a rotation, given by its columns (3, 3, N), to the target."""
     sine = 0.5 * reduce(np.add, cross(columns, target))
     cosine = 0.5 * (reduce(np.add, reduce(np.add, columns * target)) - 1.0)
     length = norm(sine)
     turn = sine * (elementary.arctan2(length, cosine) / np.maximum(length, TINY))
-    opposite = np.nonzero(cosine < -0.999)[0]  # where the sine says little about the axis
+    opposite = np.nonzero(cosine < -0.999)[0]  # here the sine is too small to determine the axis
     if len(opposite):
         turn[:, opposite] = _rotation_by_quaternions(columns[..., opposite], target[..., opposite])
     return turn

@@ -105,8 +105,8 @@ def to_matrix(q: AnyArray) -> FloatArray:
 def from_matrix(matrix: AnyArray) -> FloatArray:
     """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
-    Shepperd's choice: the largest of the four squared components is the pivot, so no division is
-    ill-conditioned.
+    Shepperd's method: the largest of the four squared components is the pivot. The divisions are therefore well
+    conditioned.
     """
     xp, m = as_floats(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -146,7 +146,7 @@ def invert(pos_ab: AnyArray, q_ab: AnyArray) -> tuple[FloatArray, FloatArray]:
 def euler_xyz(q: AnyArray) -> FloatArray:
     """Angles (..., 3) a, b, c with q = Rx(a) Ry(b) Rz(c): hinges about x, y, z, the first outermost.
 
-    b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
+    b is in −π/2..π/2. At its ends (gimbal lock) only a ± c is determined, and c is 0.
     """
     m = to_matrix(q)
     xp = namespace(m)
@@ -154,7 +154,7 @@ def euler_xyz(q: AnyArray) -> FloatArray:
     b, locked = elementary.arctan2(m[..., 0, 2], across), across < 1e-9
     above = xp.where(locked, m[..., 2, 1], -m[..., 1, 2])
     a = elementary.arctan2(above, xp.where(locked, m[..., 1, 1], m[..., 2, 2]))
-    # Rx(−a) q = Ry(b) Rz(c), whose second row is (sin c, cos c, 0): precise however close to the lock.
+    # The second row of Ry(b) Rz(c) = Rx(−a) q is (sin c, cos c, 0), which is precise close to gimbal lock.
     sine, cosine = elementary.sine_and_cosine(a)
     row = cosine[..., None] * m[..., 1, :] + sine[..., None] * m[..., 2, :]
     return xp.stack([a, b, xp.where(locked, 0.0, elementary.arctan2(row[..., 0], row[..., 1]))], axis=-1)

@@ -23,4 +23,4 @@ HULL = CollisionBits(_HULL, _PERSON)
 PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
 NO_COLLISION = CollisionBits(0, 0)
-"""Collides with nothing; marks space that people's initial poses must avoid."""
+"""Geoms with these bits collide with nothing. They mark space that people's initial poses must avoid."""

@@ -1,8 +1,8 @@
 """Compliance of contacts with the person, and torque limits: they bound the contact forces.
 
 Torque limits alone do not bound forces. Near a joint's axis, along a stretched arm or with a wedged tool, a motor of 24
-N m presses on a rigid obstacle with thousands of newtons, and MuJoCo's contacts are as stiff as the touching bodies are
-heavy. The compliance of the person's body bounds the force at a contact point:
+N m applies thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the
+bodies. The compliance of the person's body bounds the force at a contact point:
 
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
   ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
@@ -77,12 +77,12 @@ The cloth's own springs are much softer."""
 INVERSE_MASS_PER_KG = 3.2
 """Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
 MAX_DEPTH_M = 0.05
-"""Beyond this depth the spring stiffens again. Only an arm at full speed against a fixed person gets there."""
+"""Beyond this depth the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches it."""
 TREMOR_STRENGTH_SHARE = 1 / 3
 """Share of their strength that people with tremor use (assumption). The measured tremor is ±6° at the shoulder and ±17°
 at the head; with full strength it would be ±7° and ±20°."""
 _DOMINANT_MIX = 1e6
-"""Makes the parameters of this geom determine the contact."""
+"""MuJoCo's ``solmix`` of a geom whose parameters determine the contact."""
 
 
 def contact_force_n(depth_m: FloatArray) -> FloatArray:
@@ -138,7 +138,7 @@ def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TI
 
 
 def effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
-    """Limits of torque or force (J,): those of the servo's spring at ``lead``, or the motor's own if that is lower."""
+    """Limits of torque or force (J,): the lower value of the motor's limit and the servo's spring at ``lead``."""
     return np.minimum(arm.effort_limit, lead * arm.stiffness)
 
 

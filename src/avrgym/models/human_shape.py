@@ -1,6 +1,6 @@
-"""The rendered body: a clothed man or woman as skins over the person's bodies. It never collides.
+"""The rendered body: a clothed man or woman as skins over the person's bodies, without collision.
 
-The shapes are drawn at the sex's reference torso height; ``assets/human/SOURCE.md`` lists their sources.
+The stored shapes have the sex's reference torso height. ``assets/human/SOURCE.md`` lists their sources.
 """
 
 import io
@@ -76,7 +76,7 @@ class Shape:
 
 
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
-    """Add the skins of a person who is in the scene. In bed the person wears no shoes."""
+    """Add the skins of the scene's person. In bed the person wears no shoes."""
     _add_materials(spec, person)
     pos, q = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
     for name, shape in shapes(person, open_mouth=open_mouth):

@@ -21,7 +21,7 @@ Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
 Place = Literal["wheelchair", "bed"]
 PLACES: tuple[Place, ...] = ("wheelchair", "bed")
-"""Place of the person."""
+"""Places of the person: in the wheelchair or in bed."""
 Furniture = Callable[[mujoco.MjSpec, bool], None]
 """Adds bodies to a scene, in the world's frame. The second argument adds visual geoms."""
 
@@ -41,7 +41,7 @@ class Arm:
         stiffness: servo stiffness (J,), N·m/rad or N/m.
         inertia: inertia or mass at the seed pose, motor included (J,), kg·m² or kg. The servo's damping follows from
             it.
-        seed_pose: joint positions (J,) where the inverse kinematics starts, rad or m, with free space around it.
+        seed_pose: initial joint positions (J,) of inverse kinematics, rad or m, with clearance around the arm.
         finger_prefix: prefix of the hand's joint names.
     """
 
@@ -129,11 +129,11 @@ class Robot:
             all others only collide.
         base: root body, placed by the mount.
         torso: reference body of observations; the base for robots without a torso.
-        arms: by the side of the person. A robot with one arm has it on both sides.
-        mounts: by the place of the person.
-        grips: by the tool's name.
+        arms: arms by side. A robot with one arm lists it for both sides.
+        mounts: mounts by the place of the person.
+        grips: grips by the tool's name.
         half_width_m: half the width of a square base on the floor.
-        fixed_joints: positions of the other joints, radians or metres; 0 by default.
+        fixed_joints: positions of all other joints, radians or metres; default: 0.
         cameras: cameras by name, such as ``head``.
     """
 
@@ -150,7 +150,7 @@ class Robot:
 
 
 class UnsuitableError(ValueError):
-    """A robot lacks what a task needs."""
+    """A robot lacks the arm, mount or grip that a task needs."""
 
 
 def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
@@ -168,11 +168,11 @@ def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tupl
 
 
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
-    """The robot alone, with collision bits, a velocity servo on each joint of the arm, and all other joints fixed.
+    """Model of a robot without a scene: collision bits, a velocity servo on each joint of the arm, other joints fixed.
 
     The servo integrates its command into a target angle within the joint's range. It acts like a spring of
-    ``stiffness`` with critical damping at the seed pose, within the motor's torque. MuJoCo's own damping ratio
-    refers to angle zero, where the folded arm has a fifth of the inertia, and would overshoot.
+    ``stiffness`` with critical damping at the seed pose, within the motor's torque. MuJoCo's damping ratio is not used:
+    it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would overshoot.
     """
     spec = robot.build(appearance)
     for geom in list(spec.geoms):
@@ -192,7 +192,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
 
 def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
-    """The robot alone with a tool in its hand. ``name`` is the name of the tool's body."""
+    """Model of a robot with a tool in its hand, without a scene. ``name`` is the name of the tool's body."""
     grip = robot.grips[tool.name]
     spec = robot_spec(robot, arm, grip, appearance=appearance)
     body = spec.body(arm.end_effector).add_body(
@@ -237,7 +237,7 @@ def _with_mimics(
             raise ValueError(
                 f"the joint {each.name1!r} mimics {each.name2!r}; allowed: joints of a hand, not of the moving arm"
             )
-    for _ in mimics:  # a joint may mimic one that mimics
+    for _ in mimics:  # a joint may mimic a joint that mimics another one
         for each in mimics:
             if each.name1 not in fixed:
                 leads = positions.get(each.name2, 0.0)
@@ -256,7 +256,7 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
         if massless is None:
             raise
         raise ValueError(
-            f"the link {massless[1]!r} moves and has no mass; allowed: an <inertial> with mass and inertia above 0"
+            f"the link {massless[1]!r} moves but has no mass; allowed: an <inertial> with mass and inertia above 0"
         ) from error
 
 
@@ -271,7 +271,7 @@ def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> Non
 
 
 def _orientation(body: mujoco.MjsBody) -> FloatArray:
-    """Quaternion (4,) of a body, also if it is given as Euler angles."""
+    """Quaternion (4,) of a body, converted if the model contains Euler angles."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
     orientation = np.zeros(4)
@@ -347,7 +347,7 @@ def tuned_arm(
 def _per_joint(name: str, values: ArrayLike, count: int) -> FloatArray:
     found = np.asarray(values, float)
     if found.shape not in ((), (count,)):
-        raise ValueError(f"{name} has shape {found.shape}; allowed: ({count},), a number for each joint")
+        raise ValueError(f"{name} has shape {found.shape}; allowed: ({count},), one number for each joint")
     return np.broadcast_to(found, count).copy()
 
 
@@ -369,10 +369,10 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
 
 
 BRAKING_TIME_S = 0.04
-"""Time constant of the brakes: they halve the speed of all joints every 10 ms, so that the hand continues straight, 2
-cm at 1 m/s."""
+"""Time constant of the brakes. They halve the speed of all joints every 10 ms. The hand therefore continues in a
+straight line, for 2 cm at 1 m/s."""
 BRAKE_IMPEDANCE = 0.9999
-"""Impedance of a brake, the largest in MuJoCo. The joint creeps under the rest of the load."""
+"""Impedance of a brake, the highest in MuJoCo. The remaining share of the load makes the joint creep."""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:

@@ -18,16 +18,16 @@ CONTROL_STEP_S = 0.1
 """Duration of a control step by default, and of the steps in which people move by themselves."""
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 FLUID_TOLERANCE = 1e-3
-"""Solver tolerance for 64 water particles. With it, conjugate gradients, and no islands or geom trees, a physics step
-takes 0.20 ms instead of 0.45 ms with Newton's method. Food and scenes without particles are faster with Newton's."""
+"""Solver tolerance for 64 water particles, with conjugate gradients and without islands and geom trees. A physics step
+takes 0.20 ms instead of 0.45 ms with Newton's method, which is faster for food and scenes without particles."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneConfig:
     """Content of a scene: furniture, posture, and a robot on its mount with a tool.
 
-    The furniture includes the mount's carrier. ``movable`` are furniture bodies that each episode places again.
-    ``control_step_s`` is the duration of a control step.
+    The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
+    episodes. ``control_step_s`` is the duration of a control step.
     """
 
     furniture: Sequence[Furniture]
@@ -61,7 +61,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     )
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
-        from avrgym.models.human_shape import add_appearance  # with what reads pictures
+        from avrgym.models.human_shape import add_appearance  # together with the module that reads pictures
 
         add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     for add in scene.furniture:
@@ -78,7 +78,7 @@ def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.compiler.degree = False
-    # Few bodies have more than a handful of geoms, and nearly all contacts are of one island.
+    # Few bodies have many geoms, and nearly all contacts belong to one island.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     if particles is not None and particles.fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
@@ -92,7 +92,7 @@ def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> Non
 
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
-    """The scene's robot alone, with the tool in its hand."""
+    """Model of the scene's robot with the tool in its hand, without person and furniture."""
     return robot.robot_spec_with_tool(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
@@ -103,16 +103,17 @@ ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
 ROBOT_CONTACTS = 16
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
 TOOL_CONTACTS = 6
-"""Number of contacts reported. In 12 800 steps of packaged policies, a robot had at most 6 and a tool at most 4."""
+"""Number of reported contacts. In 12 800 steps of packaged policies, a robot had up to 6 contacts and a tool up to
+4."""
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 
 
 def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
-    """Sensors of contact forces on the person, contacts, and velocities of end effector and tool.
+    """Add sensors of contact forces on the person, contacts, and velocities of end effector and tool.
 
-    Net forces and velocities are in the world frame. Contacts are the strongest ones. Those of the tool have a force
-    (in the contact frame: only its magnitude matters), a position, and a normal from the tool to the person.
+    Net forces and velocities are in the world frame. The strongest contacts are measured. A contact of the tool has a
+    force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the person.
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)

@@ -11,14 +11,14 @@ from avrgym.models.tools import Tool
 TIP_BEYOND_FINGERS_M = 0.05
 """Distance of the tip beyond the fingertips (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
-_PINCH_M = 0.039  # from the end of the fingertips back to the point between the fingers that holds the rod
+_PINCH_M = 0.039  # from the end of the fingertips back to the point at which the fingers hold the rod
 
 
 def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     """One capsule; its round end is the tip.
 
-    It glides without friction. With friction it judders on the skin, as chalk does on a board: at a friction
-    coefficient of 0.2 it lost touch in every second physics step.
+    It has no friction. With a friction coefficient of 0.2, stick-slip vibration interrupted the contact in every second
+    physics step.
     """
     add_collision(
         body,

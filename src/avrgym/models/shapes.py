@@ -33,9 +33,9 @@ class Section:
 
 
 def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
-    """The skin through cross-sections in the given order, closed by a point at both ends.
+    """A surface through cross-sections in the given order, closed by a point at both ends.
 
-    A shell goes up along its outside and down along its inside.
+    For a shell, list the sections of the outside upwards, then the sections of the inside downwards.
     """
     return _close_at_centres(np.stack([_ring(section, segments) for section in sections]))
 

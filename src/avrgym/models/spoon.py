@@ -26,7 +26,7 @@ _PITCH_M, _FOOD_Z = 0.0102, -0.0028
 
 SPOON_LENGTH_M = 0.17
 _BOWL = (0.0260, 0.0195)  # half length, half width of the bowl at its rim
-_FLOOR = (0.0206, 0.0108)  # the same of its level floor
+_FLOOR = (0.0206, 0.0108)  # half length, half width of its level floor
 _LEAN = (0.003, 0.006)  # outward tilt of its walls: front and back, sides
 _WALL = 0.003
 _FLOOR_Z, _RIM_Z = -0.008, 0.005

@@ -65,16 +65,16 @@ class Tool:
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
-"""Grains slide on each other but not on tools, which have friction."""
+"""Contact parameters of food: pieces slide on each other, but not on tools, which have friction."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""One constraint for each contact, independent of the other surface. The softer impedance needs a quarter fewer
-iterations."""
+"""Contact parameters of water: one constraint per contact, independent of the other surface. The softer impedance needs
+a quarter fewer iterations."""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:
     """Add the particles to the world, each with three slide joints.
 
-    They do not rotate, which halves the coordinates. Joint values are world positions.
+    Particles do not rotate, which halves the number of coordinates. Joint values are positions in the world frame.
     """
     material = add_material(spec, particles.name, particles.rgb, roughness=0.6)
     for name in particles.bodies:

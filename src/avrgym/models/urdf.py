@@ -24,7 +24,7 @@ from avrgym.models.geoms import add_material, add_visual
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
 ARMATURE_KG_M2 = 0.05
-"""Motor inertia, which URDF lacks; that of the Jaco's wrist."""
+"""Motor inertia, which URDF does not contain. The value is that of the Jaco's wrist."""
 GREY = (0.75, 0.75, 0.77)
 ROOT = "world"
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -60,7 +60,7 @@ class Urdf:
         Continuous joints get a range of ±2 turns.
 
         Raises:
-            ValueError: for xacro, invalid URDF, and other joint types.
+            ValueError: for xacro, invalid URDF, and joint types that are not supported.
         """
         robot = _read(self.text)
         shapes = {link.attrib["name"]: _shapes(link) for link in robot.findall("link")}
@@ -125,14 +125,14 @@ def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
     """
     try:
         parts = trimesh.load_scene(file).dump()
-    except Exception as error:  # trimesh and what it calls raise anything
+    except Exception as error:  # trimesh and its dependencies may raise any exception
         hint = "; `pip install pycollada` for .dae" if file.suffix.lower() == ".dae" else ""
         raise ValueError(f"{file} cannot be read as a mesh: {error}{hint}") from error
     return tuple(part for part in parts if isinstance(part, trimesh.Trimesh))
 
 
 def colour_of(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
-    """Red, green and blue of a mesh, 0 to 1; grey where its file has none."""
+    """Red, green and blue of a mesh, 0 to 1; grey if its file contains no colour."""
     colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
     return GREY if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
 
@@ -191,7 +191,7 @@ def _read(text: str) -> Element:
     """Root element of the description.
 
     Raises:
-        ValueError: for invalid URDF; for xacro with the command that expands it.
+        ValueError: for invalid URDF, or for xacro; the message then contains the command that expands it.
     """
     if re.search(r"xmlns:xacro|<xacro:|\$\(find ", text):
         raise ValueError(
@@ -202,7 +202,7 @@ def _read(text: str) -> Element:
         robot = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ValueError(
-            f"the description is not XML: {error}; allowed: the text of a URDF, not its path"
+            f"the description is not XML: {error}; allowed: the text of a URDF file, not its path"
         ) from error
     if robot.tag != "robot":
         raise ValueError(f"the root element is <{robot.tag}>; allowed: <robot>, as in URDF")
@@ -264,5 +264,5 @@ def _numbers(text: str) -> FloatArray:
 
 def _limit(joint: str, limit: Element | None, key: str) -> float:
     if limit is None or key not in limit.attrib:
-        raise ValueError(f"the URDF has no {key} for the joint {joint!r}")
+        raise ValueError(f"joint {joint!r} has no {key} limit in the URDF; add {key}=… to its <limit>")
     return float(limit.attrib[key])

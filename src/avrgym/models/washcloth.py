@@ -31,10 +31,10 @@ class _Spring:
 
 _GIVE, _TILT = _Spring(1500.0, 40.0, 0.4), _Spring(4.0, 0.12, 1.2e-3)
 _MAX_GIVE_M, _MAX_TILT_RAD = 0.008, 0.25
-"""Assumption: wet terry compresses by 3 mm under 5 N and lies flat on the skin."""
+"""Maximum compression and tilt (assumption): wet terry compresses by 3 mm under 5 N and lies flat on the skin."""
 _PAD_MASS_KG = 0.05
 _WET_FRICTION = (0.3, 0.005, 0.0001)
-_FIRM = (0.98, 0.999, 0.001, 0.5, 2.0)  # so light a body would sink into others with the usual impedance
+_FIRM = (0.98, 0.999, 0.001, 0.5, 2.0)  # with the default impedance such a light body would penetrate others
 _THICKNESS = 2.0 * PAD_HALF_SIZE_M[0]
 _LAYER_INSETS = (0.0, 0.0016, 0.0003, 0.0012)
 _STRIPES_Y, _STRIPE_HALF_WIDTH = (0.034, 0.041), 0.0015
@@ -55,7 +55,7 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
 
 def _add_springs(pad: mujoco.MjsBody) -> None:
-    """The pad moves towards the hand and tilts about its two sides."""
+    """Add springs: the pad can move towards the hand and tilt about its two sides."""
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for name, kind, axis, give, limits in (
         ("washcloth_give", slide, 0, _GIVE, (-_MAX_GIVE_M, 0.0)),

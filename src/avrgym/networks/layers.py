@@ -1,4 +1,4 @@
-"""Layers of policies' networks in NumPy. Neither batch size nor processor changes the order of their sums."""
+"""Layers of policy networks in NumPy. The order of sums does not depend on batch size or processor."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -9,7 +9,8 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
 MAX_PRODUCTS = 65536
-"""Numbers of a matrix product before they are summed: half a megabyte, which fits a processor's cache."""
+"""Maximum number of products that are stored before they are summed: half a megabyte, which fits the processor's
+cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Memory:
         return self.hidden_weight.shape[0]
 
     def after(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
-        """The memory (N, U) after inputs (N, inputs), from the memory before; all within -1 to 1."""
+        """The hidden state (N, U) after inputs (N, inputs), given the previous state; values are within -1 to 1."""
         inputs = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
         hidden = np.split(product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
         reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))
@@ -49,7 +50,7 @@ class Memory:
 
 
 def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """The product of (N, inputs) and (inputs, outputs), summed in a fixed order, unlike in BLAS."""
+    """The matrix product of (N, inputs) and (inputs, outputs). In contrast to BLAS, sums have a fixed order."""
     outputs = np.empty((len(rows), weight.shape[1]))
     batch = max(1, MAX_PRODUCTS // weight.size)
     for first in range(0, len(rows), batch):

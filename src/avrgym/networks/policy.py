@@ -1,8 +1,8 @@
 """Networks in NumPy, one file each: policies of robots, and trained humans.
 
-A network is an observation normaliser and tanh layers, possibly with a memory, and the action standard deviation of its
-training. Its file is safetensors: numbers and a header of text, never code. The header describes the training, and
-whether the network is a human's.
+A network consists of an observation normaliser, an optional memory, tanh layers, and the standard deviation of actions.
+Its file is a safetensors file: numbers and a text header, never code. The header describes the training and states
+whether the network controls a human.
 """
 
 import os
@@ -41,14 +41,14 @@ _DTYPES = ("F32", "F64")
 
 
 class PolicyError(ValueError):
-    """A policy cannot be loaded, saved or used; the message names the fault and what is allowed."""
+    """A policy cannot be loaded, saved or used. The message contains the error and the allowed values."""
 
 
 class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Metadata of a human who was trained with a robot.
 
-    ``partner`` is the ``digest`` of the robot's policy. ``people_file`` is the text of the file of people with the
-    human's bodies, if there was one.
+    ``partner`` is the ``digest`` of the robot's policy. ``people_file`` is the text of the people file from which the
+    human's bodies were drawn, if any.
     """
 
     partner: str
@@ -60,10 +60,10 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     ``steps`` are environment steps, ``seconds`` the duration of the training. ``measured`` contains results such as
     ``success_rate``. ``curve`` has points of environment steps, mean reward and success rate of the latest episodes.
-    ``human`` is set for a trained human. ``plugins`` are the versions of task and robot, if other packages register
-    them; old files do not contain them. ``force_guard``: the policy was trained behind the force guard. ``settings``
-    are the changed ones of ``tasks.settings.Settings``. ``camera``: the camera of a policy with vision, such as
-    ``wrist:64x64:depth``.
+    ``human`` is set for a trained human. ``plugins`` are the versions of task and robot if they come from other
+    packages; old files do not contain them. ``force_guard``: whether the force guard was on during the training.
+    ``settings`` are the changed ones of ``tasks.settings.Settings``. ``camera``: the camera of a policy with vision,
+    such as ``wrist:64x64:depth``.
     """
 
     environment: str
@@ -84,21 +84,22 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """An actor: observation normaliser, optional memory, tanh layers, and normal noise around their output.
+    """A policy: observation normaliser, optional memory, tanh layers, and normally distributed noise on the output.
 
-    A policy that was trained with noise may need it: where nothing moves, its mean action may be zero. All arrays are
-    stored as read-only float64.
+    A policy that was trained with noise may need it: without noise it can get stuck. All arrays are stored as read-only
+    float64.
 
     Args:
-        weights: One (inputs, outputs) matrix per layer; the inputs of the first are observation and memory.
+        weights: One (inputs, outputs) matrix per layer. The input of the first layer is the observation, followed by
+            the memory's state.
         biases: One (outputs,) vector per layer.
         observation_mean: (observation,).
         observation_variance: (observation,), not negative.
-        observation_clip: Normalised observations are clipped to ± this, in standard deviations.
-        observation_epsilon: Added to the variance before its root is taken.
-        action_std: Standard deviation of each action around its mean; 0 for no noise.
+        observation_clip: Bound of normalised observations, in standard deviations.
+        observation_epsilon: Constant that is added to the variance before the square root.
+        action_std: Standard deviation of each action; 0 for no noise.
         metadata: Description of the training.
-        memory: Its input is the normalised observation.
+        memory: A gated recurrent unit. Its input is the normalised observation.
         vision: Replaces entries of the normalised observation by estimates from an image.
     """
 
@@ -128,7 +129,7 @@ class Policy:
 
     @property
     def memory_size(self) -> int:
-        """Units of the memory, 0 without one."""
+        """Number of units of the memory; 0 without a memory."""
         return 0 if self.memory is None else self.memory.units
 
     @property
@@ -137,16 +138,16 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all numbers, in hexadecimal; metadata does not change it."""
+        """SHA-256 of all numbers, without metadata, in hexadecimal."""
         digest = sha256()
         for name, array in _tensors(self).items():
             digest.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())
         return digest.hexdigest()
 
     def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), with noise of their generators.
+        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), with noise from the generators.
 
-        Neither batch size nor other rows change the bits of a row. Only for policies without memory.
+        The bits of a row do not depend on batch size or other rows. Only for policies without memory.
         """
         return self.with_noise(self.mean(observations), generators)
 
@@ -183,9 +184,11 @@ class Policy:
         return product(rows, self.weights[-1]) + self.biases[-1], memory
 
     def with_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1]: means with noise of their generators."""
+        """Actions (N, action) float32 in [-1, 1]: the means with noise from the generators."""
         if len(generators) != len(means):
-            raise PolicyError(f"{len(generators)} generators for {len(means)} observations; each needs one")
+            raise PolicyError(
+                f"{len(generators)} generators for {len(means)} observations; allowed: one for each"
+            )
         actions = means.copy()
         for row, generator in enumerate(generators if self.action_std else ()):
             actions[row] += self.action_std * generator.standard_normal(self.action_size)
@@ -199,7 +202,7 @@ class Policy:
         return np.clip(rows, -self.observation_clip, self.observation_clip)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write a complete file or nothing; an existing file is replaced only with ``overwrite``."""
+        """Write the policy file, completely or not at all. An existing file is replaced only with ``overwrite``."""
         path = Path(path)
         if path.exists() and not overwrite:
             raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
@@ -209,7 +212,7 @@ class Policy:
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
         for name in ("human", "plugins", "force_guard", "settings", "camera"):
             if not header[name]:
-                del header[name]  # the files stay readable by versions without these fields
+                del header[name]  # older versions without these fields can still read the files
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
         data = safetensors.numpy.save(numbers, {_HEADER: msgspec.json.encode(header).decode()})
         write_atomically(path, data)
@@ -238,13 +241,13 @@ def _check_numbers(policy: Policy) -> None:
         if number <= 0:
             raise PolicyError(f"{name} is {number}; it must be above 0")
     if (policy.observation_variance < 0).any():
-        raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
+        raise PolicyError("observation.variance contains negative numbers; allowed: 0 and above")
     if policy.action_std < 0:
-        raise PolicyError(f"{_ACTION_STD} is {policy.action_std}; 0 and above are allowed")
+        raise PolicyError(f"{_ACTION_STD} is {policy.action_std}; allowed: 0 and above")
 
 
 def _check_sums(policy: Policy) -> None:
-    """Refuse numbers whose sums overflow; inputs are bounded, those of later layers by ±1."""
+    """Raise ``PolicyError`` if sums of a layer can overflow. Its inputs are bounded, in later layers by ±1."""
     largest = policy.observation_clip if policy.memory is None else max(policy.observation_clip, 1.0)
     if policy.memory is not None:
         memory = policy.memory
@@ -259,7 +262,7 @@ def _check_sum(name: str, largest: float, weight: np.ndarray, bias: np.ndarray) 
     with np.errstate(over="ignore"):
         sums = largest * np.abs(weight).sum(axis=0).max(initial=0.0) + np.abs(bias).max(initial=0.0)
     if not np.isfinite(sums):
-        raise PolicyError(f"the sums of {name} are not finite; smaller numbers are allowed")
+        raise PolicyError(f"the sums of {name} are not finite; use smaller numbers")
 
 
 def _check_shapes(policy: Policy) -> None:
@@ -385,7 +388,7 @@ class _Header(PolicyMetadata, frozen=True, kw_only=True):
 
 
 def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
-    """Version of the format, and the metadata."""
+    """Returns the format version and the metadata."""
     if _HEADER not in header:
         raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
     try:

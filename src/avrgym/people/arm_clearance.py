@@ -1,4 +1,4 @@
-"""Distance of a person's right arm from the rest of the body and from furniture."""
+"""Clearance of a person's right arm from the rest of the body and from furniture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from avrgym.models.robot import Furniture
 
 @dataclass(frozen=True)
 class Boxes:
-    """B boxes, the same for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
+    """B boxes, equal for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
 
     pos_w: FloatArray
     q_w: FloatArray
@@ -25,7 +25,7 @@ class Boxes:
 
 
 JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
-"""Neighbouring parts. They overlap in every pose with a hanging arm."""
+"""Pairs of neighbouring capsules. They overlap in every pose with a hanging arm."""
 
 PAIRS = tuple(
     (part, other)
@@ -78,7 +78,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
 def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
     """Smallest distance (N,) in metres between the right arm and body or furniture; negative where they overlap.
 
-    The value stops falling once an axis meets another axis or a box.
+    The value does not decrease further when an axis intersects another axis or a box.
 
     Args:
         segments_w: capsule axes (N, G, 2, 3), in the order of ``human.GEOMS``.

@@ -1,6 +1,7 @@
-"""Distributions of people: those of the paper, section V, of the zoo, and of people files.
+"""Distributions of people: from the paper (section V), from the zoo, and from people files.
 
-Each person is sampled from one row of uniform numbers. A world's person therefore does not depend on other worlds.
+Each person is sampled from one row of uniform random numbers. A world's person therefore does not depend on other
+worlds.
 """
 
 from collections.abc import Collection, Mapping
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 MAX_POSE_ATTEMPTS = 8
 NUM_UNIFORMS = 2 + MAX_POSE_ATTEMPTS * len(JOINTS)
-"""Uniform numbers for one person: sex, torso height, and all attempts at a pose."""
+"""Number of uniform random numbers for one person: sex, torso height, and all samples of a pose."""
 
 
 JointRanges = Mapping[str, tuple[float, float]]
@@ -36,8 +37,8 @@ JointRanges = Mapping[str, tuple[float, float]]
 class Distribution:
     """Uniform ranges of torso height (m) and of the waist joints (± degrees).
 
-    ``cooperating`` people and ``partners`` of the zoo move, see ``people.cooperation`` and ``people.zoo``. Others hold
-    their initial pose. ``poses`` override the initial joint angles of a task.
+    ``cooperating`` people and ``partners`` of the zoo move, see ``people.cooperation`` and ``people.zoo``. All other
+    people hold their initial pose. ``poses`` override the initial joint angles of a task.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -74,7 +75,7 @@ NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = DISTRIBUTIONS | {
 """All named distributions, including single styles of the zoo such as ``zoo/train/startled``."""
 
 ARM_CLEARANCE_M = 0.01
-"""Least distance of a sampled arm from the body and the furniture (2020 reference)."""
+"""Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
 
 RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
@@ -84,7 +85,7 @@ WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
 class Pose:
     """Initial joint angles: ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
 
-    A spread right arm is sampled again until its pose respects the shoulder limits and has clearance.
+    A random right arm is resampled until its pose is within the shoulder limits and has enough clearance.
     """
 
     rest_rad: FloatArray
@@ -100,12 +101,12 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
     """The distribution with this name or from this people file. Its poses may be for any of ``tasks``.
 
     Raises:
-        ValueError: for an unknown name, listing the distributions, or for an invalid file.
+        ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
     """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return NAMED_DISTRIBUTIONS[name_or_path]
     if not Path(name_or_path).is_file():
-        raise ValueError(f"unknown people {name_or_path!r}; the distributions are {ALLOWED_PEOPLE}")
+        raise ValueError(f"unknown people {name_or_path!r}; allowed: {ALLOWED_PEOPLE}")
     from avrgym.people.people_file import read_people
 
     return distribution_of(read_people(Path(name_or_path), tasks))
@@ -122,8 +123,8 @@ def sample_people(
 ) -> People:
     """Sample people from uniform numbers (n, ``NUM_UNIFORMS``). Man and woman are equally likely.
 
-    A random arm pose is rejected if it violates the shoulder limits or comes within 1 cm of body or furniture. After
-    ``MAX_POSE_ATTEMPTS`` rejections the last pose is kept and its shoulder is clipped to the limits.
+    A random arm pose is rejected if it violates the shoulder limits or is within 1 cm of body or furniture. After
+    ``MAX_POSE_ATTEMPTS`` rejections the last pose is used, with the shoulder clipped to its limits.
     """
     xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5
@@ -142,7 +143,7 @@ def sample_people(
 def _resample_crowded_poses(
     people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
 ) -> People:
-    """The people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) with enough arm clearance."""
+    """Give each person the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that has enough arm clearance."""
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):

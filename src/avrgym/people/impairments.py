@@ -21,8 +21,8 @@ TREMOR_TARGET_RAD = np.array(
 _STEP_RESPONSE = 1.0 - (1.0 - 0.05) ** 5
 """Share of the distance to its target that a joint covers in one control step.
 
-Assistive Gym takes five physics steps (``frame_skip``). In each, the motor closes at most a twentieth of the gap
-(``motor_gains``).
+Assistive Gym takes five physics steps (``frame_skip``). In each step the motor reduces the distance by at most a
+twentieth (``motor_gains``).
 """
 TREMOR_AMPLITUDE_RATIO = _STEP_RESPONSE / (2.0 - _STEP_RESPONSE)
 """Amplitude of the joint relative to its alternating target, about 1/8: 2 a = share (target + a)."""
@@ -34,10 +34,10 @@ def find_impairment(name: str) -> Impairment:
     """Check the name of an impairment.
 
     Raises:
-        ValueError: for an unknown name, listing the impairments.
+        ValueError: for an unknown name. The message lists the impairments.
     """
     if name not in IMPAIRMENTS:
-        raise ValueError(f"unknown impairment {name!r}; the impairments are {', '.join(IMPAIRMENTS)}")
+        raise ValueError(f"unknown impairment {name!r}; allowed: {', '.join(IMPAIRMENTS)}")
     return name
 
 

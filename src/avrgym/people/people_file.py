@@ -18,7 +18,7 @@ Range = tuple[float, float]
 
 
 class PeopleFileError(ValueError):
-    """Invalid value in a people file. The message names the file, the value and the allowed values."""
+    """Invalid value in a people file. The message contains the file, the value and the allowed values."""
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,7 +70,7 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
         return parse_people(read_user_text(path), str(path), tasks)
     except UnicodeDecodeError as error:
         raise PeopleFileError(
-            f"{path}: not text in UTF-8: {error.reason} at byte {error.start}; save it as UTF-8"
+            f"{path}: not UTF-8 text: {error.reason} at byte {error.start}; save it as UTF-8"
         ) from None
 
 

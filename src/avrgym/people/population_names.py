@@ -11,7 +11,7 @@ ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
     f"({', '.join(STYLES)}), a file of people, a trained human, or a folder of those"
 )
-"""Text for help and errors: the allowed values of ``people``."""
+"""The allowed values of ``people``, for help and error messages."""
 
 Impairment = Literal["none", "limits", "weakness", "tremor"]
 IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)

@@ -41,9 +41,9 @@ class Population:
 
 
 def is_trained(name_or_path: str) -> bool:
-    """Whether a name means trained humans: a policy file, or a folder of them.
+    """Whether a name refers to trained humans: to a policy file or a folder of policy files.
 
-    A path that ends with / counts as a folder even if the folder no longer exists.
+    A path that ends with / counts as a folder, even if the folder no longer exists.
     """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return False
@@ -51,17 +51,17 @@ def is_trained(name_or_path: str) -> bool:
 
 
 def population_label(name_or_path: str) -> str:
-    """Display name that does not depend on the file's location."""
+    """Name for display. It does not depend on the file's location."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
-    """The populations that ``--people`` names. A folder gives one for each trained human in it.
+    """The populations for a value of ``--people``. A folder contains one population for each trained human in it.
 
     Raises:
-        ValueError: for an unknown name, listing the distributions, or for an invalid file.
+        ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
     """
     if not is_trained(name_or_path):
         return (Population(name_or_path, find_distribution(name_or_path, tasks)),)
@@ -77,7 +77,7 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
 
 
 def human_files(folder: Path) -> list[Path]:
-    """Trained humans in a folder: its own files, and one for each training in a subfolder. Robot policies are ignored.
+    """Files of trained humans in a folder and in the training folders inside it. Robot policies are ignored.
 
     Raises:
         PolicyError: for a damaged file.
@@ -97,7 +97,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
     policy = Policy.load(path)
     metadata = policy.metadata
     if metadata.human is None:
-        raise PolicyError(f"{path}: a policy of a robot, not of a human; pass it to --policy")
+        raise PolicyError(f"{path} is the policy of a robot, not of a human; use it with --policy")
     if policy.memory is not None:
         raise PolicyError(f"{path}: a recurrent policy; allowed: a human without memory")
     if text := metadata.human.people_file:
@@ -113,7 +113,7 @@ class TrainedHumans:
     """Runs trained human policies in N worlds."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
-        """All worlds use the first policy until ``reset``."""
+        """Create N worlds. All worlds use the first policy until ``reset``."""
         self._trained = trained
         self._human = np.zeros(worlds, dtype=np.intp)
         self._noise = [random_streams.trained_human_noise(0.0)] * worlds
@@ -133,7 +133,7 @@ class TrainedHumans:
         return actions
 
     def saved(self) -> dict[str, Any]:
-        """State that changes during an episode."""
+        """Returns the state that changes during an episode."""
         return {
             "human": self._human.copy(),
             "noise": [generator.bit_generator.state for generator in self._noise],

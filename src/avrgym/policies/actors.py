@@ -1,4 +1,4 @@
-"""Policies in N worlds, with their memory of the present episodes."""
+"""Policies in N worlds, with the memory's state in the present episodes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from avrgym.policies.trained import Policy, PolicyError
 
 
 class Actor:
-    """A policy in N worlds, recurrent or not; ``reset`` must be called for a world when its episode starts."""
+    """A policy in N worlds, with or without memory. Call ``reset`` for a world when its episode starts."""
 
     def __init__(self, policy: Policy, worlds: int) -> None:
         """Start an episode in every world."""
@@ -20,7 +20,7 @@ class Actor:
         self._memory = np.zeros((worlds, policy.memory_size))
 
     def reset(self, worlds: ArrayLike) -> None:
-        """Clear the memory of some worlds, given by their numbers or a mask (N,)."""
+        """Clear the memory of some worlds, given by their indices or a mask (N,)."""
         self._memory[np.asarray(worlds)] = 0.0
 
     def act(
@@ -41,7 +41,7 @@ class Actor:
         A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.network_input``.
 
         Raises:
-            PolicyError: for observations of another shape, which do not change the memory.
+            PolicyError: for observations of a wrong shape. The memory does not change then.
         """
         if len(observations) != len(self._memory):
             raise PolicyError(f"{len(observations)} observations for {len(self._memory)} worlds")
@@ -50,7 +50,7 @@ class Actor:
 
 
 class DeviceActor:
-    """A policy without memory on the device of an array, such as a GPU, in that array's precision.
+    """A policy without memory on the device and in the precision of an array, for example on a GPU.
 
     The array library determines the order of sums.
     """

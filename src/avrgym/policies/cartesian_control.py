@@ -11,7 +11,8 @@ from avrgym.simulation.worlds import Simulation
 SPEED_LIMIT_M_S = 0.25
 TURN_LIMIT_RAD_S = 0.8
 DAMPING = 0.05
-"""Of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986), which slows down near singularities."""
+"""Damping of the least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986). It reduces speeds near
+singularities."""
 
 
 class CartesianController:
@@ -26,12 +27,12 @@ class CartesianController:
         self._simulation, self._speed_limit = simulation, scene.arm.speed_limit
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
-        """The action (A,) for a velocity of the hand, scaled down to the speed limits of joints and hand.
+        """The action (A,) for a velocity of the hand. It is scaled down to the speed limits of joints and hand.
 
         Args:
             linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; clipped to
                 length 1.
-            angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, likewise.
+            angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, world frame; clipped to length 1.
         """
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S

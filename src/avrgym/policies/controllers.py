@@ -22,7 +22,7 @@ from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
 
 MAX_ERROR_LENGTH = 160
-"""Characters of an exception that an error message contains."""
+"""Maximum length of an exception's text in an error message, in characters."""
 
 
 Observed = FloatArray | dict[str, NumpyArray]
@@ -46,7 +46,7 @@ class Controller(Protocol):
 
 
 class ControllerError(RuntimeError):
-    """A controller returned no valid action. The message starts with the kind of failure and a colon.
+    """A controller did not return a valid action. The message begins with the kind of failure and a colon.
 
     The kinds are ``exception``, ``wrong_shape``, ``not_finite`` and ``late``.
     """
@@ -54,9 +54,9 @@ class ControllerError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class ExternalController:
-    """A controller of another package or file; ``make`` creates an instance that shares no state with others.
+    """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
-    ``plugin`` is its present version, if it is code. ``cameras``: those that it needs.
+    ``plugin`` is the installed version of the package, for Python code. ``cameras``: those that it needs.
     """
 
     name: str
@@ -66,7 +66,7 @@ class ExternalController:
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
-    """Start an episode; raises ``ControllerError`` where the controller raises."""
+    """Start an episode. Raises ``ControllerError`` if the controller raises an exception."""
     try:
         controller.reset(seed, environment)
     except (Exception, SystemExit) as error:  # external code may raise anything
@@ -77,14 +77,14 @@ def act(controller: Controller, observation: Observed, size: int) -> FloatArray:
     """A controller's action (size,) for an observation, within -1 to 1.
 
     Raises:
-        ControllerError: where it raises, or returns anything but ``size`` finite numbers.
+        ControllerError: if the controller raises an exception, or does not return ``size`` finite numbers.
     """
     own = observation.copy() if isinstance(observation, dict) else np.array(observation, float)
     return checked_action(lambda: controller.act(own), (size,))
 
 
 def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """The action of ``act``, clipped to -1 to 1; ``ControllerError`` where it raises or is invalid."""
+    """The action of ``act``, clipped to -1 to 1. Raises ``ControllerError`` for an exception or an invalid action."""
     try:
         action = np.array(act(), float)
     except (Exception, SystemExit) as error:  # external code may raise anything
@@ -104,13 +104,13 @@ def close(controller: Controller) -> None:
 
 
 def find_python(name: str) -> ExternalController:
-    """The controller ``module:attribute``.
+    """Import the controller ``module:attribute``.
 
-    The attribute is a class, a function that returns a controller, a controller, which is copied, or a function from
-    an observation to an action. Python also searches the current folder for the module.
+    The attribute is a class, a function that returns a controller, a controller, or a function from an observation to
+    an action. A controller object is copied for each use. Python also searches the current folder for the module.
 
     Raises:
-        PolicyError: where it cannot be imported.
+        PolicyError: if it cannot be imported.
     """
     module, _, attribute = name.partition(":")
     _search_current_folder()
@@ -146,7 +146,7 @@ def registered_controllers() -> dict[str, EntryPoint]:
 
 
 def find_registered(name: str) -> ExternalController:
-    """A registered controller; ``PolicyError`` where its package is broken."""
+    """Import a registered controller. Raises ``PolicyError`` if it cannot be imported."""
     entry = registered_controllers()[name]
     try:
         found = entry.load()
@@ -156,14 +156,14 @@ def find_registered(name: str) -> ExternalController:
 
 
 def used_plugin(name: str) -> UsedPlugin | None:
-    """The present version of a registered controller or of ``module:attribute``; ``None`` for other names."""
+    """The installed version of a registered controller or of ``module:attribute``; ``None`` for other names."""
     if name in registered_controllers():
         return used_entry("controller", name, registered_controllers()[name])
     return used_python(name) if ":" in name else None
 
 
 def broken_controllers() -> list[str]:
-    """Errors of the registered controllers that cannot be imported or created; imports all of them."""
+    """Error messages of the registered controllers that cannot be imported or created. Imports all controllers."""
     reasons: list[str] = []
     for name in registered_controllers():
         try:
@@ -203,7 +203,7 @@ def _can_bind(signature: inspect.Signature, count: int) -> bool:
 
 
 def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
-    """Create one instance first, to report errors early."""
+    """Returns a controller of another package. Creates one instance immediately, to report errors early."""
     if _takes_observation(found):
         found = _Function(found)
     ready_made = not isinstance(found, type) and hasattr(found, "act")
@@ -217,7 +217,7 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
         if lacking:
             raise PolicyError(
                 f"{name}: a {type(controller).__name__} without {' and '.join(lacking)}; "
-                "a controller has reset(seed, environment) and act(observation)"
+                "a controller needs the methods reset(seed, environment) and act(observation)"
             )
         return controller
 

@@ -1,4 +1,4 @@
-"""Names that ``--policy`` takes."""
+"""Names that ``--policy`` accepts."""
 
 SCRIPTS = ("oracle", "random", "zero")
 OPERATOR = "operator"

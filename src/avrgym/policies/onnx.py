@@ -1,4 +1,4 @@
-"""ONNX files: networks of other programs as controllers, and export of policies. Needs the extra ``onnx``."""
+"""ONNX files: networks from other programs as controllers, and export of policies. Needs the extra ``onnx``."""
 
 import os
 from pathlib import Path
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 ONNX_SUFFIX = ".onnx"
 OPSET, IR_VERSION = 17, 8
-"""Versions that programs of 2022 support."""
+"""ONNX versions that programs of 2022 support."""
 DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A network without memory; its input is the observation, not normalised, and its output the action."""
+    """A network without memory. Its input is the observation, not normalised; its output is the action."""
 
     def __init__(self, session: Any) -> None:
         """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
@@ -46,7 +46,7 @@ def find_onnx(
     """Load a network for an environment whose observations and actions have the given sizes.
 
     Raises:
-        PolicyError: without the extra, for a damaged file, and for other inputs or outputs.
+        PolicyError: if the extra is missing, the file is damaged, or its inputs or outputs do not fit.
     """
     try:
         import onnxruntime
@@ -70,7 +70,7 @@ def find_onnx(
 def _check(
     path: str | os.PathLike[str], environment_id: str, kind: str, tensors: list[Any], size: int
 ) -> None:
-    """Refuse other tensors than one of shape (size,), (1, size) or (any, size)."""
+    """Raise ``PolicyError`` if ``tensors`` is not one tensor of shape (size,), (1, size) or (any, size)."""
     if len(tensors) == 1 and tensors[0].type in DTYPES and _fits(tensors[0].shape, size):
         return
     found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)
@@ -81,16 +81,17 @@ def _check(
 
 
 def _fits(shape: list[Any], size: int) -> bool:
-    """Whether a tensor takes one row; open sizes are names or None."""
+    """Whether a tensor's shape allows one row. Variable sizes are names or None."""
     *rows, last = shape or [0]
     return len(rows) <= 1 and last == size and all(row == 1 or not isinstance(row, int) for row in rows)
 
 
 def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = True) -> "ModelProto":
-    """A graph of a policy's mean actions (``rows``, A), clipped to ±1, from observations (``rows``, O).
+    """An ONNX graph that computes a policy's mean actions (``rows``, A), clipped to ±1, from observations (``rows``,
+    O).
 
-    The graph contains the normalisation, but no exploration noise. ``rows`` may be a name for any number. With
-    ``double`` numbers have double precision, otherwise single precision.
+    The graph contains the normalisation, but no exploration noise. If ``rows`` is a name, the number of rows is
+    variable. ``double`` selects double instead of single precision.
 
     Raises:
         PolicyError: for a recurrent policy.
@@ -98,7 +99,7 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
     from onnx import TensorProto, helper, numpy_helper
 
     if policy.memory is not None:
-        raise PolicyError("a recurrent policy cannot be written as ONNX; use its .safetensors file")
+        raise PolicyError("a recurrent policy cannot be exported to ONNX; use its .safetensors file")
     dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
     constants: dict[str, np.ndarray] = {
         "mean": policy.observation_mean,

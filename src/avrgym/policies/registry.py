@@ -1,4 +1,4 @@
-"""Policies by the names and paths that ``--policy`` takes, and their actions in worlds whose episodes have started."""
+"""Finds policies by the values of ``--policy`` (names and paths), and computes their actions."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -43,15 +43,12 @@ AnyPolicy = RobotPolicy | HumanOperator
 
 
 def named_policies(environment_id: str) -> list[str]:
-    """Names of policies in an environment: packaged ones, scripts and registered controllers."""
+    """Names of an environment's policies: packaged policies, scripts and registered controllers."""
     return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
 
 
 def skipped_plugins() -> list[str]:
-    """Errors of the robots, tasks and controllers of other packages that cannot be used.
-
-    Imports all controllers.
-    """
+    """Error messages of plug-ins (robots, tasks, controllers) that cannot be used. Imports all controllers."""
     records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
     return [*records, *controllers.broken_controllers()]
 
@@ -64,10 +61,10 @@ def find(
     allow_other_environment: bool = False,
     allow_other_settings: bool = False,
 ) -> RobotPolicy:
-    """Load the policy of a name or path for an environment.
+    """Load a policy for an environment, by name or path.
 
     Args:
-        name: of a packaged policy, a script or a registered controller; the path of a ``.safetensors`` or ``.onnx``
+        name: name of a packaged policy, a script or a registered controller; path of a ``.safetensors`` or ``.onnx``
             file; or ``module:attribute``.
         environment_id: such as ``avrgym/FeedingJaco-v1``.
         settings: of the environment.
@@ -75,7 +72,8 @@ def find(
         allow_other_settings: whether to allow a policy that was trained with other settings.
 
     Raises:
-        PolicyError: for an unknown name, with the allowed values; for a policy that cannot be loaded or does not fit.
+        PolicyError: for an unknown name (the message lists the allowed values), or if the policy cannot be loaded or
+            does not fit.
     """
     observation_size, action_size = sizes(environment_id)
     if name in SCRIPTS:
@@ -99,7 +97,7 @@ def find(
         return controllers.find_python(name)
     if name == OPERATOR:
         raise PolicyError(
-            f"{OPERATOR} needs a person at the controls; allowed in `avrgym view`, `avrgym serve` and studies"
+            f"{OPERATOR} needs a person who drives the robot; allowed in `avrgym view`, `avrgym serve` and studies"
         )
     allowed = ", ".join([*named_policies(environment_id), FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
@@ -117,14 +115,14 @@ def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
 def find_for_session(
     name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
 ) -> AnyPolicy:
-    """As ``find``, but with ``operator`` allowed: the experimenter can drive."""
+    """Load a policy as ``find`` does, but also allow ``operator``, with which the experimenter drives the robot."""
     if name == OPERATOR:
         return HumanOperator()
     return find(name, environment_id, settings, allow_other_settings=allow_other_settings)
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:
-    """Present versions of the plug-ins of an environment and a policy."""
+    """Installed versions of the plug-ins of an environment and a policy."""
     controller = policy.plugin if isinstance(policy, ExternalController) else None
     return plugins_of(environment_id) + (() if controller is None else (controller,))
 
@@ -132,7 +130,7 @@ def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ..
 def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str]:
     """Descriptions of the plug-ins of an environment that changed since a policy's training.
 
-    In another environment than that of the training, only plug-ins of both environments count.
+    In an environment that differs from the training's, only plug-ins of both environments are compared.
     """
     if not isinstance(policy, Policy):
         return []
@@ -147,12 +145,12 @@ def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str
 def running(
     policy: RobotPolicy, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> Generator[ActionFunction]:
-    """A function from observations (N, O) to actions (N, A) in worlds whose episodes have started.
+    """Context manager: a function from observations (N, O) to actions (N, A), for one episode of each world.
 
-    An external controller has one instance per world, seeded from the world's generator and closed at the end.
+    An external controller has one instance per world. It is seeded from the world's generator and closed at the end.
 
     Raises:
-        PolicyError: when an instance cannot be created.
+        PolicyError: if an instance cannot be created.
     """
     if not isinstance(policy, ExternalController):
         yield action_function(policy, world, generators)
@@ -175,9 +173,9 @@ def running(
 def action_function(
     policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> ActionFunction:
-    """A function from observations (N, O) to actions (N, A) in worlds whose episodes have started.
+    """A function from observations (N, O) to actions (N, A), for one episode of each world.
 
-    It is for these episodes only: it contains the memory of a recurrent policy.
+    Create a new function for each episode, because it contains the memory of a recurrent policy.
     """
     if isinstance(policy, Policy):
         actor, cameras = Actor(policy, len(generators)), cameras_of(policy, world.environment_id)
@@ -235,5 +233,5 @@ def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray
 
 
 def controller_seed(generator: np.random.Generator) -> int:
-    """The seed of a controller's episode: the next number of the episode's generator."""
+    """The seed of a controller in an episode: the next number of the episode's generator."""
     return int(generator.integers(2**31))

@@ -1,4 +1,4 @@
-"""Robots' trained policies: packaged ones by name, others by the path of their file."""
+"""Trained policies of robots: packaged policies by name, others by the path of their file."""
 
 import os
 import re
@@ -29,7 +29,11 @@ def packaged_policies(environment_id: str) -> dict[str, Path]:
 
 
 def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
-    """The file of a packaged policy, such as ``original``, or a path that exists."""
+    """The file of a packaged policy (by name, such as ``original``) or the given path.
+
+    Raises:
+        PolicyError: if neither exists.
+    """
     packaged = packaged_policies(environment_id)
     if str(name_or_path) in packaged:
         return packaged[str(name_or_path)]
@@ -53,13 +57,13 @@ def load_policy(
     """Load a policy by name or path for an environment with observations and actions of the given sizes.
 
     Raises:
-        PolicyError: for an unknown name, a damaged file, other sizes, a trained human, and a policy of another
-            environment, unless that is allowed.
+        PolicyError: for an unknown name, a damaged file, wrong sizes, a trained human, or a policy of another
+            environment if that is not allowed.
     """
     path = find_policy(name_or_path, environment_id)
     policy = Policy.load(path)
     if policy.metadata.human is not None:
-        raise PolicyError(f"{path}: a trained human, not a robot's policy; use it with --people")
+        raise PolicyError(f"{path} is the policy of a trained human, not of a robot; use it with --people")
     if policy.metadata.environment != environment_id and not allow_other_environment:
         raise PolicyError(
             f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "

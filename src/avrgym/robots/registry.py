@@ -19,7 +19,7 @@ def register(robot: Robot) -> None:
     """Add a robot.
 
     Raises:
-        ValueError: for a name in use or an invalid record. Nothing is added.
+        ValueError: if the name is in use or the record is invalid. Nothing is added then.
     """
     if robot.name in _robots:
         raise ValueError(f"a robot named {robot.name} is already registered")
@@ -28,15 +28,15 @@ def register(robot: Robot) -> None:
 
 
 BROKEN = plugins.load(plugins.ROBOTS, Robot, register)
-"""Skipped plug-ins."""
+"""Error messages of plug-ins that cannot be used and are skipped."""
 
 
 def find_robot(name: str) -> Robot:
     """The robot with this name.
 
     Raises:
-        ValueError: for an unknown name, listing the robots.
+        ValueError: for an unknown name. The message lists the robots.
     """
     if name not in ROBOTS:
-        raise ValueError(f"unknown robot {name!r}; the robots are {', '.join(ROBOTS)}")
+        raise ValueError(f"unknown robot {name!r}; allowed: {', '.join(ROBOTS)}")
     return ROBOTS[name]

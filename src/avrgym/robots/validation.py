@@ -12,7 +12,7 @@ from avrgym.models.cameras import SCENE, WRIST
 from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
 MIN_JOINTS = 6
-"""Needed to reach any position and rotation."""
+"""Minimum number of joints for any position and rotation."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 1.5, 2.0 * np.pi
 """Limits of reach and joint angles, because observations are bounded."""
 
@@ -21,7 +21,7 @@ def check_robot(robot: Robot) -> None:
     """Check a robot record against its model.
 
     Raises:
-        ValueError: listing all faults and what is allowed.
+        ValueError: if the record is invalid. The message lists all errors and the allowed values.
     """
     wrong = list(_check_names(robot)) or list(_check_model(robot))
     if wrong:
@@ -83,7 +83,7 @@ def _check_model(robot: Robot) -> Iterator[str]:
 
 
 def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
-    """Names in the record that the model lacks."""
+    """Errors about names in the record that are missing in the model."""
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)

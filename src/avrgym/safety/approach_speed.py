@@ -1,4 +1,4 @@
-"""Limits the speed at which a robot's tool and a person approach each other, so that impacts stay below a force."""
+"""Limits the approach speed between a robot's tool and a person, which limits the force of an impact."""
 
 import numpy as np
 
@@ -12,23 +12,23 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 NEAR_M = 0.10
-"""Speeds count within this distance. While an arm stops and retracts, people lean and turn by less."""
+"""Speeds are checked within this distance. While an arm stops and retracts, people move by less than this."""
 _REGIONS = np.array([REGION_OF_GEOM[geom] for geom in GEOMS])
 
 
 class ApproachSpeedMonitor(PerWorldState):
     """Compares approach speeds in N worlds with the allowed contact speeds of the body regions.
 
-    The tool is the origin of its pad; no other part of the robot is monitored. All arrays are of the latest control
-    step. ``person_too_fast`` (N,) marks worlds in which a region approaches the tool too fast by its own motion,
-    ``closing_too_fast`` (N,) worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is the
-    region that exceeds its limit most, ``speed_m_s`` (N,) its speed.
+    Only the origin of the tool's pad is monitored. All arrays describe the latest control step. ``person_too_fast``
+    (N,) marks worlds in which a region approaches the tool too fast by its own motion. ``closing_too_fast`` (N,) marks
+    worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is the region that exceeds its limit
+    most, ``speed_m_s`` (N,) its speed.
     """
 
     STATE = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
-        """Allow the speeds at which impacts cause forces (R,) on the regions."""
+        """Limit speeds to those at which an impact causes the forces (R,) on the regions, newtons."""
         self._simulation = simulation
         self.allowed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()
@@ -45,7 +45,7 @@ class ApproachSpeedMonitor(PerWorldState):
         self._pad_w[ids], self._segment_w[ids] = state.pad_pos_w[ids], state.person_segment_w[ids]
 
     def update(self) -> None:
-        """Compare the present positions with those at the previous call."""
+        """Compute the approach speeds from the positions now and at the previous call."""
         state = self._simulation.state()
         pad_w, segment_w = state.pad_pos_w, state.person_segment_w
         now_m = _axis_distance_m(pad_w, segment_w)
@@ -68,7 +68,7 @@ class ApproachSpeedMonitor(PerWorldState):
     def describe(self, world: int) -> str:
         """Describes the fastest approach in a world, with its limit."""
         region = int(self.region[world])
-        verb = "comes" if self.person_too_fast[world] else "and tool come together"
+        verb = "approaches" if self.person_too_fast[world] else "and tool approach"
         allowed = self.allowed_m_s[region]
         return (
             f"{BODY_REGIONS[region].name} {verb} at {self.speed_m_s[world]:.2f} m/s, limit {allowed:.2f} m/s"
@@ -89,7 +89,10 @@ def effective_mass_kg(simulation: Simulation) -> float:
 
 
 def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
-    """How far gaps (N, G) have closed; 0 for those that are not near after closing by as much again."""
+    """Distances (N, G) by which gaps have closed in the last step.
+
+    The distance is 0 for a gap that would still be larger than ``NEAR_M`` after another such step.
+    """
     return np.where(gap_m - closed_m < NEAR_M, closed_m, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The brakes of an arm's joints: dry friction stops each joint and then holds it in its place."""
+"""The brakes of an arm's joints: dry friction stops each joint and then holds its position."""
 
 import mujoco
 import numpy as np
@@ -8,9 +8,10 @@ from avrgym.models.robot import MOTOR_GROUP, PREFIX, Arm
 
 HOLDING_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
-arm back; with 10, a washcloth wedged between a backrest and a head did so once in 200 stops."""
+arm back. With a factor of 10, this happened once in 200 stops, with a washcloth between a backrest and a head."""
 SOLVER_TOLERANCE = 1e-8
-"""With engaged brakes. Friction holds without creeping only with Newton's method and MuJoCo's default tolerance."""
+"""Solver tolerance while brakes are engaged. Only with Newton's method and this tolerance, friction holds without
+creep."""
 
 
 class Brakes:
@@ -26,13 +27,13 @@ class Brakes:
         self._solver, self._tolerance = batch.expand("opt.solver"), batch.expand("opt.tolerance")
 
     def engage(self) -> None:
-        """Stop the arms and hold them, with the motors off."""
+        """Switch the motors off, stop the arms and hold them."""
         self._disabled_actuators[:] = 1 << MOTOR_GROUP
         self._friction[:, self._dofs] = self._effort
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE
 
     def release(self) -> None:
-        """Let the arms move."""
+        """Release the brakes: the arms can move."""
         self._disabled_actuators[:] = 0
         self._friction[:, self._dofs] = 0.0
         self._solver[:], self._tolerance[:] = self._default_solver

@@ -1,8 +1,8 @@
-"""The force guard overrides actions that press a robot too hard against a person, or move it too fast near a person.
+"""The force guard overrides actions if contact forces are too high, or the robot moves too fast near a person.
 
-An arm that presses too hard retracts. An impact ends before a controller can react to the measured force, so the guard
-also limits the approach speed: an arm retracts from a person who approaches its tool too fast, and stops where the tool
-itself is too fast. See ``approach_speed``.
+If a force is too high, the arm retracts. An impact ends before a controller can react to the measured force. The guard
+therefore also limits the approach speed, see ``approach_speed``: if a person approaches the tool too fast, the arm
+retracts; if the tool itself is too fast, the arm stops. ``tasks.control_loop`` applies the guard in each control step.
 """
 
 from typing import Any
@@ -17,23 +17,25 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 GUARD_SHARE = 0.5
-"""The arm retracts above this share of a region's quasi-static limit. An impact may cause a force up to this share."""
+"""The arm retracts if a force exceeds this share of a region's quasi-static limit. Impacts may cause forces up to this
+share."""
 RELEASE_SHARE = 0.25
-"""The arm stops retracting below this share in every region. The gap between both shares prevents chattering."""
+"""The arm stops retracting when forces on all regions are below this share. The hysteresis prevents chattering."""
 WAYPOINT_RAD = 0.01
-"""A new waypoint is stored when a joint has moved this far from the latest one. See ``Chain.units`` for slides."""
+"""A new waypoint is stored when a joint has moved this far from the latest waypoint. See ``Chain.units`` for slides."""
 WAYPOINTS = 150
 INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
-"""Events of a recording: the guard starts to override commands, and stops."""
+"""Events of a recording: the guard starts to override commands, and stops overriding them."""
 
 
 class ForceGuard(PerWorldState):
-    """Overrides the actions of N worlds in which a robot endangers a person; elsewhere it changes no bit.
+    """Overrides actions in those of N worlds in which a robot endangers a person; other worlds do not change.
 
     The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
     ``output`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back along their
-    path, ``holding`` (N,) arms at rest. ``interventions`` (N,) counts how often either began in the episode.
+    path, ``holding`` (N,) arms that the guard stops. ``interventions`` (N,) is the number of interventions of both
+    kinds in the episode.
     """
 
     STATE = (
@@ -75,9 +77,9 @@ class ForceGuard(PerWorldState):
         return self.output
 
     def update(self, commanded: FloatArray | None = None) -> BoolArray:
-        """Updates ``output`` before each further physics step; returns the worlds (N,) in which it changes.
+        """Updates ``output`` before each further physics step. Returns a mask (N,) of the worlds in which it changes.
 
-        ``commanded`` (N, A) are new commands, if there are any.
+        ``commanded`` (N, A) are the new commands, if any.
         """
         before = self.output
         if commanded is not None:
@@ -95,7 +97,7 @@ class ForceGuard(PerWorldState):
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
     def saved(self) -> dict[str, Any]:
-        """Returns everything that the next steps depend on."""
+        """Returns the whole state on which the next steps depend."""
         return super().saved() | {"approach": self._approach.saved()}
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -132,7 +134,7 @@ class ForceGuard(PerWorldState):
         self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
 
     def _retract(self) -> FloatArray:
-        """Actions (N, A) to the latest waypoint, as fast as the joints move; waypoints that are reached are deleted."""
+        """Actions (N, A) towards the latest waypoint, at the joints' speed limits. Reached waypoints are deleted."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
         steps = (waypoint - self._simulation.joint_targets()) / self._travel
         most = np.abs(steps).max(axis=-1)

@@ -1,4 +1,4 @@
-"""Arrays that hold one row for each world: cleared at a reset, and stored with copies of an environment."""
+"""State of safety layers with one row for each world: cleared at a reset, and copied with an environment."""
 
 from typing import Any, ClassVar
 
@@ -6,12 +6,13 @@ from avrgym.array_types import IntArray
 
 
 class PerWorldState:
-    """Base of safety layers; ``STATE`` names their arrays (N, …) that change from step to step."""
+    """Base class of safety layers. ``STATE`` contains the names of their arrays (N, …) that change from step to
+    step."""
 
     STATE: ClassVar[tuple[str, ...]]
 
     def saved(self) -> dict[str, Any]:
-        """Returns everything that the next steps depend on."""
+        """Returns the whole state on which the next steps depend."""
         return {name: getattr(self, name).copy() for name in self.STATE}
 
     def restore(self, saved: dict[str, Any]) -> None:

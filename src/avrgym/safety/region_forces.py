@@ -18,13 +18,14 @@ from avrgym.safety.limits import (
 )
 
 GEOM_CONTACTS = 8
-"""Strongest contacts of the robot with one geom of the person. Three fingers that grasp make fewer."""
+"""Number of strongest contacts that a sensor reads for one geom of the person. A grasp with three fingers has fewer."""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Measure the robot's contacts with each geom of the person.
 
-    The sensors change no state. With many contacts a physics step takes up to a sixth longer.
+    The sensors do not change the simulation. With many contacts they increase the time of a physics step by up to a
+    sixth.
     """
     for geom in REGION_OF_GEOM:
         add_geom_sensor(spec, scene, _sensor(geom), geom, GEOM_CONTACTS)
@@ -48,14 +49,14 @@ class RegionForceSensors:
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
     def read_n(self) -> FloatArray:
-        """Returns the contact forces by region, (N, R), in newtons: the sum of the lengths of all contacts' forces."""
+        """Returns the contact forces by region, (N, R), in newtons: the sum of the magnitudes of all contact forces."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
 
 
 @dataclass(frozen=True)
 class RegionLoads:
-    """Loads of the regions of n people, one episode each, (n, R).
+    """Loads (n, R) of the body regions of n people in one episode each.
 
     ``mean_n`` and ``peak_n`` are over all physics steps. ``contact_share`` is the share of physics steps with a force.
     ``longest_overload_s`` is the longest continuous time above the quasi-static limit.
@@ -83,7 +84,7 @@ class RegionLoads:
 
     @classmethod
     def concatenate(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
-        """Returns the loads of all people of several objects."""
+        """Returns one object with the people of all ``parts``."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
@@ -91,8 +92,8 @@ class RegionLoads:
 class RegionStatistics:
     """Loads of one region over a number of episodes, in newtons.
 
-    Mean over all time, peak force, share of time with contact, and both limits. ``over_quasi_static`` and
-    ``over_transient`` count the episodes above each limit, ``exceedances`` those above either.
+    The mean is over all time. ``over_quasi_static`` and ``over_transient`` are the numbers of episodes above each
+    limit, ``exceedances`` the number of episodes above either limit.
     """
 
     mean_n: float

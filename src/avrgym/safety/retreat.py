@@ -1,8 +1,8 @@
-"""Retreat: an arm moves its tool away from a person, slowly, and no link comes near the person.
+"""Retreat: an arm moves its tool slowly away from a person, and keeps every link away from the person.
 
-Ten times a second a small quadratic programme computes joint speeds. The tool follows its desired velocity closely,
-while velocity dampers keep every link away from the person (Faverjon and Tournassoud, IEEE Int. Conf. Robotics and
-Automation, 1987): the allowed closing speed falls with the gap, and is zero at ``MIN_GAP_M``.
+Ten times a second a small quadratic programme computes joint speeds. The tool follows its desired velocity closely.
+Velocity dampers keep every link away from the person (Faverjon and Tournassoud, IEEE Int. Conf. Robotics and
+Automation, 1987): the allowed closing speed decreases with the gap, and is zero at ``MIN_GAP_M``.
 """
 
 from copy import copy
@@ -18,11 +18,11 @@ from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
 
 SPEED_M_S = 0.08
-"""Speed of the tool. Near the head it stays below 0.1 m/s, although servos overshoot a little."""
+"""Speed of the tool. With the servos' overshoot it remains below 0.1 m/s, also near the head."""
 MOUTH_DISTANCE_M = 0.32
-"""The retreat is complete when the tool is this far from the mouth,"""
+"""Distance between tool and mouth at the end of the retreat."""
 PERSON_DISTANCE_M = 0.10
-"""and tool and hand are this far from the person."""
+"""Distance of tool and hand from the person at the end of the retreat."""
 MAX_DURATION_S = 6.0
 MIN_GAP_M = 0.01
 NEAR_M = 0.15
@@ -31,16 +31,17 @@ ROTATION_LEVER_M = 0.2
 """Weight of rotations: one radian counts as this distance."""
 DAMPING = 0.03
 BRAKING_TIME_S = 0.3
-"""A gap or a joint range may close in this time at the fastest."""
+"""Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
 REGULARIZATION = 1e-6
-"""Makes the programme solvable if links are near in many places at the same time."""
+"""Regularization of the quadratic programme. It keeps it solvable if many links are near the person at once."""
 
 
 class NearGaps(NamedTuple):
-    """The L pairs of geoms in which the arm is near the person or furniture.
+    """The L pairs of geoms with a small gap between the arm and the person or furniture.
 
-    ``gap_m`` (L,) is negative where they touch; ``away_w`` (L, 3) is the direction towards the arm; ``rows`` (L, J) map
-    joint speeds to the speed at which a gap opens; ``of_hand`` (L,) marks gaps between the person and hand or tool.
+    ``gap_m`` (L,) is negative where the geoms touch. ``away_w`` (L, 3) is the direction towards the arm. ``rows`` (L,
+    J) map joint speeds to the speed at which a gap opens. ``of_hand`` (L,) marks gaps between the person and hand or
+    tool.
     """
 
     gap_m: FloatArray
@@ -62,13 +63,13 @@ class Retreat:
         steps: int = 0,
         step_s: float = CONTROL_STEP_S,
     ) -> None:
-        """Find the arm's links and the person. That takes milliseconds: do it before an episode.
+        """Find the geoms of arm and person. This takes milliseconds: create the object before an episode.
 
         Args:
             simulation: the physics of N worlds.
             world: the index of the world.
             clear_m: the distance between mouth and tool at which the retreat is complete.
-            free_m: the distance of tool and hand from the person at which it is complete.
+            free_m: the distance of tool and hand from the person at which the retreat is complete.
             steps: number of steps that it has taken before.
             step_s: duration of a step.
         """
@@ -88,7 +89,7 @@ class Retreat:
         self._steps, self._step_s = steps, step_s
 
     def action(self) -> FloatArray | None:
-        """Returns the action (J,) for the next step; ``None`` when complete or after ``MAX_DURATION_S``."""
+        """Returns the action (J,) for the next step, or ``None`` at the end or after ``MAX_DURATION_S``."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -105,7 +106,7 @@ class Retreat:
         )
 
     def _desired_velocity_w(self, near: NearGaps) -> FloatArray:
-        """The desired velocity (3,) of the tool: away from the head and, if the hand is near it, from the rest of the
+        """The desired velocity (3,) of the tool: away from the head and, if the hand is near the body, away from the
         body.
         """
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
@@ -115,7 +116,7 @@ class Retreat:
         return SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
-        """The joint speeds (J,) closest to a tool velocity without rotation, within the limits of gaps and joint
+        """The joint speeds (J,) that best achieve a tool velocity without rotation, within the limits of gaps and joint
         ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
@@ -146,17 +147,18 @@ class Retreat:
         return NearGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
-        """The Jacobian (6, J) of a point of a body: its linear and angular velocity by the joint speeds."""
+        """The Jacobian (6, J) of a point of a body, from joint speeds to linear and angular velocity."""
         jacobian = np.empty((6, self._model.nv))
         mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], pos_w, body)
         return jacobian[:, self._dofs]
 
 
 def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatArray) -> FloatArray:
-    """Returns q (J,) with ``task`` (6, J) q closest to ``wish`` (6,), subject to ``rows`` (L, J) q ≥ ``least``.
+    """Solve the quadratic programme: ``task`` (6, J) q closest to ``wish`` (6,), subject to ``rows`` (L, J) q ≥
+    ``least``.
 
-    Damped least squares, corrected by the solution of the dual programme. Returns 0, which is always allowed, if that
-    has no solution.
+    Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If that has no
+    solution, returns 0, which meets all constraints.
     """
     weighed = np.linalg.inv(task.T @ task + DAMPING**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish

@@ -1,7 +1,8 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
-It begins when the task has succeeded and no event has followed for ``SETTLING_TIME_S``. The tool moves away as in a
-``Retreat``, up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then stands still until the episode ends.
+The withdrawal begins when the task has succeeded and no event has followed for ``SETTLING_TIME_S``. The tool moves away
+as in a ``Retreat``, up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then does not move until the episode
+ends.
 """
 
 from typing import Any
@@ -14,7 +15,7 @@ from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
 SETTLING_TIME_S = 0.5
-"""Time without an event, such as a bite or a sip, from success to the beginning of the withdrawal."""
+"""Time without an event (such as a bite or a sip) after success, before the withdrawal begins."""
 MOUTH_DISTANCE_M, PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
 WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
@@ -22,7 +23,8 @@ WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 
 
 class Withdrawal(PerWorldState):
-    """Drives the arms in those of N worlds in which the task is complete; ``driving`` (N,) marks them."""
+    """Drives the arms in those of N worlds in which the task is complete; the mask ``driving`` (N,) marks these
+    worlds."""
 
     STATE = ("driving", "_settled_steps", "_moved_steps", "_away")
 
@@ -51,7 +53,8 @@ class Withdrawal(PerWorldState):
         self._actions = None
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) for the next control step: the withdrawal's where it drives, else the commands."""
+        """Returns the actions (N, J) for the next control step: the withdrawal's in the worlds that it drives, else the
+        commands."""
         if not self.driving.any():
             return commanded
         if self._actions is None:

@@ -1,8 +1,8 @@
 """Search for the pose of a robot's base from which its arm reaches the poses of a task.
 
 Task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive robots",
-Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are solved
-together; each world gets the same bits as alone.
+Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are solved in one
+batch. The bits of a world's result do not depend on the other worlds.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from avrgym.models.robot import BaseRange
 
 CANDIDATES = 100
 NUM_UNIFORMS = 3 * CANDIDATES
-"""Number of uniform random numbers for the candidates of a world."""
+"""Number of uniform random numbers for one world's candidates."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 START_ITERATIONS, START_TOLERANCE_M = 15, 0.003
 RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
@@ -37,9 +37,9 @@ class BasePoses:
 class Scores:
     """Scores of candidates, (n, C).
 
-    ``start_reached``: the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual, in
-    which a radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from there. ``isotropy``:
-    sum over the reached poses, 0 if the start is not reached.
+    ``start_reached``: the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual error; a
+    radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from the start pose. ``isotropy``:
+    sum over the reached poses; 0 if the start pose is not reached.
     """
 
     start_reached: BoolArray
@@ -52,8 +52,8 @@ class Scores:
 class BaseChoice:
     """The best candidate of each world: its ``index`` (n,), its pose and the joint positions (n, J) at the start.
 
-    ``reached`` (n,): the start pose is met within 5 mm and 0.05 rad. Elsewhere no candidate reaches it, and this one
-    comes closest.
+    ``reached`` (n,): the arm reaches the start pose within 5 mm and 0.05 rad. In the other worlds no candidate reaches
+    it, and the best candidate is the closest one.
     """
 
     index: IntArray
@@ -80,19 +80,19 @@ def search(
     goal_q_w: FloatArray | None,
     seed_pose: FloatArray,
 ) -> BaseChoice:
-    """Returns the best candidates: those that reach the start pose, then most goals, then with the highest isotropy.
+    """Returns the best candidate of each world: it reaches the start pose and most goals, with the highest isotropy.
 
-    A goal counts within 3 cm (reference) and 15°. Ties are broken by the sum of the joint-limit-weighted kinematic
-    isotropy over the start pose and the reached goals. Inverse kinematics of the start pose begins at the seed pose,
-    that of the goals at the start pose. In worlds with fewer than ten candidates that reach the start, the other
-    candidates try twice more, from poses around the seed pose.
+    A goal is reached within 3 cm (reference) and 15°. Candidates with equal numbers of goals are compared by the sum of
+    the joint-limit-weighted kinematic isotropy over the start pose and the reached goals. Inverse kinematics begins at
+    the seed pose for the start pose, and at the start pose for the goals. If fewer than ten candidates of a world reach
+    the start pose, the other candidates are solved twice more, from poses around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.
         candidates: base poses, (n, C).
         start_pos_w: (n, 3), start position of the tip.
         start_q_w: (n, 4).
-        goal_pos_w: (n, G, 3), positions that it should reach from there.
+        goal_pos_w: (n, G, 3), goal positions of the tip.
         goal_q_w: (n, G, 4), or None for any rotation.
         seed_pose: (J,), initial joint positions of the search for the start pose.
     """
@@ -117,7 +117,7 @@ def search(
 def _solve_starts(
     chain: Chain, pos: FloatArray, q: FloatArray, seed_pose: FloatArray, per_world: int
 ) -> Solution:
-    """Solve for arm angles (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
+    """Inverse kinematics (n C,) of start poses in the candidates' frames, with ``per_world`` rows for each world."""
     seeds = np.tile(seed_pose, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
     spread = kinematics.RESTART_SPREAD_RAD * chain.units
@@ -134,9 +134,9 @@ def _solve_starts(
 
 
 def _evenly_spread(count: int, dimensions: int) -> FloatArray:
-    """Points (count, dimensions) that cover the cube ±1 evenly.
+    """Quasi-random points (count, dimensions) in [−1, 1]^dimensions.
 
-    Roberts' sequence (2018): steps of powers of 1/x, where x^(dimensions + 1) = x + 1.
+    Roberts' low-discrepancy sequence (2018): the step in dimension k is x^−k, where x^(dimensions + 1) = x + 1.
     """
     x = 2.0
     for _ in range(50):
@@ -153,7 +153,7 @@ def _score(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> Scores:
-    """Scores (n C,) of bases, given the arm angles at the start."""
+    """Scores (n C,) of base poses, given the arm angles in the start pose."""
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
@@ -175,7 +175,8 @@ def _arrive(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> tuple[BoolArray, FloatArray]:
-    """Which arms (N,) reach their goal from these angles, and the isotropy there, 0 for the others."""
+    """Returns a mask (N,) of arms that reach their goal from these angles, and the isotropy there (0 if not
+    reached)."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
     arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
@@ -186,7 +187,8 @@ def _arrive(
 
 
 def _merit(scores: Scores, goals: int) -> FloatArray:
-    """Higher is better. An isotropy is at most 1, so the sum of all counts less than one more goal."""
+    """A merit of candidates; higher is better. Isotropies are at most 1, so their sum counts less than one more
+    goal."""
     merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
     return np.where(scores.start_reached, merit, -scores.start_error_m)
 
@@ -199,7 +201,7 @@ def _solve_within_reach(
     iterations: int,
     tolerance: float,
 ) -> Solution:
-    """Inverse kinematics; poses out of reach are skipped and get an error of half a turn in addition."""
+    """Inverse kinematics without poses that are out of reach. These get a rotation error of π in addition."""
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.solve(
@@ -213,12 +215,12 @@ def _solve_within_reach(
 
 
 def _point_from(bases: BasePoses, pos_w: FloatArray) -> FloatArray:
-    """World positions (N, 3) in the frames of bases (N,)."""
+    """Transform positions (N, 3) from the world frame to the frames of bases (N,)."""
     return transforms.rotate(_upright(-bases.yaw_rad), pos_w - bases.pos_w)
 
 
 def _rotation_from(bases: BasePoses, q_w: FloatArray) -> FloatArray:
-    """World rotations (N, 4) in the frames of bases (N,)."""
+    """Transform rotations (N, 4) from the world frame to the frames of bases (N,)."""
     return transforms.multiply(_upright(-bases.yaw_rad), q_w)
 
 

@@ -1,4 +1,4 @@
-"""Model fields that differ between worlds: those of the people."""
+"""Model fields that differ between worlds, because each world has its own person."""
 
 from functools import lru_cache
 
@@ -13,7 +13,7 @@ from avrgym.simulation.model_addresses import actuators
 
 
 class PersonModelFields:
-    """Writes the model fields of the people of each world."""
+    """Writes the model fields of each world's person."""
 
     def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
@@ -53,7 +53,7 @@ class PersonModelFields:
             )
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
-        """Make the contacts of people compliant, after ``set_const`` has computed constants."""
+        """Set the compliance of people's contacts. Call it after ``set_const``, which computes constants."""
         self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: IntArray, people: People) -> None:

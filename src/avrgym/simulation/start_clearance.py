@@ -1,4 +1,4 @@
-"""Clearance at the start of an episode: between robot, tool, particles, person and furniture."""
+"""Clearance in the initial state of an episode, between robot, tool, particles, person and furniture."""
 
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -19,13 +19,13 @@ Clearances = dict[tuple[int, int], float]
 """Minimum distance of two geoms in metres, by their ids."""
 
 PERSON_CLEARANCE_M = 0.01
-"""Of robot, tool and particles from the person."""
+"""Minimum clearance of robot, tool and particles from the person."""
 FURNITURE_CLEARANCE_M = 0.005
-"""Of robot, tool and particles from furniture."""
+"""Minimum clearance of robot, tool and particles from furniture."""
 TREMOR_CLEARANCE_M = 0.03
-"""Additional clearance for people with tremor: their limbs overshoot the extreme poses."""
+"""Additional clearance for people with tremor, whose limbs overshoot."""
 PADDING_DEPTH_M = 0.02
-"""Allowed depth of arms in furniture: armrests and mattresses are soft. The support of the body is not checked."""
+"""Allowed depth of arms in furniture, because armrests and mattresses are soft. Seat and backrest are not checked."""
 
 _SPHERE, _CAPSULE, _CYLINDER = (
     int(kind)
@@ -34,7 +34,7 @@ _SPHERE, _CAPSULE, _CYLINDER = (
 
 
 class NoClearanceError(ValueError):
-    """No start without overlapping bodies was found; the message names a pair that overlaps."""
+    """No initial state with enough clearance was found. The message names a pair of bodies that overlaps."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Geoms:
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two bodies, by name, that are too close: their gap, negative where they overlap, and the minimum."""
+    """Two bodies that are too close: their names, their gap (negative if they overlap), and the minimum clearance."""
 
     first: str
     second: str
@@ -61,16 +61,16 @@ class Conflict:
 
 
 class StartClearance:
-    """Measures the gaps between all bodies of a scene that must not overlap at the start."""
+    """Measures the gaps between all bodies of a scene that must not overlap in the initial state."""
 
     def __init__(self, model: mujoco.MjModel, *, base: str | None, arms: bool, offered: bool) -> None:
-        """Find the pairs.
+        """Find the pairs of geoms to check.
 
         Args:
             model: the scene.
-            base: the robot's body that is mounted on furniture, if there is one.
+            base: the robot's body that is mounted on furniture, if any.
             arms: whether the person's arms must not overlap furniture.
-            offered: whether the right arm must touch neither padding nor the rest of the body.
+            offered: whether the right arm must not touch padding and the rest of the body.
         """
         self._model, self._data = copy(model), mujoco.MjData(model)
         self._geom_types = model.geom_type
@@ -85,9 +85,9 @@ class StartClearance:
         self._clearance_m = np.array([*self._pairs.values()])
 
     def conflicts(self, geoms: Geoms, *, extra_clearance_m: float | None = None) -> list[Conflict | None]:
-        """Returns for each of n worlds the pair with the least clearance below its minimum, or ``None``.
+        """Returns for each of n worlds the pair with the smallest clearance below its minimum, or ``None``.
 
-        With ``extra_clearance_m``, only the pairs of robot and person are measured, with a minimum higher by this
+        With ``extra_clearance_m``, only pairs of robot and person are checked. Their minimum increases by this
         distance.
         """
         reach = _bounding_radius_m(self._geom_types, geoms.size_m)
@@ -104,7 +104,7 @@ class StartClearance:
     def _conflict(
         self, geoms: Geoms, world: int, pairs: IntArray, clearance_m: FloatArray
     ) -> Conflict | None:
-        """The pair with the least clearance, of those whose bounding spheres are too close."""
+        """The pair with the smallest clearance, of all pairs whose bounding spheres are too close."""
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]
@@ -123,7 +123,7 @@ class StartClearance:
         return mujoco.mj_geomDistance(self._model, self._data, first, second, max(up_to_m, 0.0), None)
 
     def _name(self, geom: int) -> str:
-        """A readable name."""
+        """The name of a geom's body for messages."""
         owner, _, part = _body(self._model, geom).rpartition("/")
         words = (part if owner else self._model.geom(geom).name).replace("_", " ")
         return {"person": "the person's ", "robot": "the robot's "}.get(owner, "the ") + words
@@ -139,12 +139,12 @@ def _bounding_radius_m(geom_types: NDArray[np.int32], size_m: FloatArray) -> Flo
 
 
 def _robot_to_person(model: mujoco.MjModel) -> Clearances:
-    """The clearances of robot, tool and particles from the person."""
+    """Minimum clearances of robot, tool and particles from the person."""
     return _pairs(_robot(model), _geoms(model, collision_bits.PERSON), PERSON_CLEARANCE_M)
 
 
 def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
-    """The clearances of the same, except for a mounted base, from furniture."""
+    """Minimum clearances of robot, tool and particles from furniture. A mounted base is excluded."""
     loose = [geom for geom in _robot(model) if _body(model, geom) != base]
     return _pairs(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_CLEARANCE_M)
 
@@ -159,7 +159,7 @@ def _robot(model: mujoco.MjModel) -> list[int]:
 
 
 def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Clearances:
-    """The clearances of the person's arms from furniture, and of an offered arm also from the rest of the body."""
+    """Minimum clearances of the person's arms from furniture, and of an offered arm also from the rest of the body."""
     furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}
@@ -179,7 +179,7 @@ def _pairs(first: Iterable[int], second: Sequence[int], clearance_m: float) -> C
 
 
 def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
-    """The collision geoms with these collision bits, without the floor."""
+    """The ids of all geoms with these collision bits, without the floor."""
     return [
         geom
         for geom in range(model.ngeom)
@@ -190,7 +190,7 @@ def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
 
 
 def _parts(model: mujoco.MjModel, names: Iterable[str]) -> list[int]:
-    """Geoms of the person's body."""
+    """The ids of geoms of the person's body, by name."""
     return [model.geom(human.PREFIX + name).id for name in names]
 
 

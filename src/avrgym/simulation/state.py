@@ -1,4 +1,4 @@
-"""The state of worlds as tasks read it, and their start."""
+"""The state of worlds that tasks read, and the initial state of worlds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ class State(RightArm):
     their radii. ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; unused
     rows have force zero; normals point from the tool to the person.
 
-    Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of the robot
-    with its tool and of the tool; opposite forces cancel out. ``total_force_n`` and ``links_force_n`` are sums of the
-    lengths of the contacts' forces, of the robot with its tool and of its links alone.
+    Forces on the person, (N,): ``robot_force_n`` (robot and tool) and ``tool_force_n`` (tool) are magnitudes of net
+    forces, in which opposite forces cancel out. ``total_force_n`` (robot and tool) and ``links_force_n`` (links only)
+    are sums of the magnitudes of all contact forces.
     """
 
     robot_pos_w: FloatArray
@@ -58,10 +58,10 @@ class State(RightArm):
 
 @dataclass(frozen=True)
 class Start:
-    """The start of n worlds.
+    """The initial state of n worlds.
 
-    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, J); positions (n, 3) of the scene's movable
-    furniture.
+    It consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and
+    the positions (n, 3) of the scene's movable furniture.
     """
 
     people: People

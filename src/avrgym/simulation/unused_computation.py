@@ -1,4 +1,4 @@
-"""Removes computation without effect from a model: physics steps give the same bits in less time."""
+"""Removes computation without effect from a model. Physics steps give the same bits in less time."""
 
 from copy import copy
 
@@ -9,10 +9,11 @@ from avrgym.array_types import BoolArray
 
 
 def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Returns a copy of a model without useless gravity compensation and impossible contacts.
+    """Returns a copy of a model without gravity compensation and contact bits that have no effect.
 
-    Gravity compensation of a body fixed to the world acts on no joint. A geom touches nothing if everything that its
-    contact bits allow is fixed to the same body. With a static person that is most of a robot on the floor.
+    Gravity compensation has no effect on a body that is fixed to the world. A geom makes no contact if it and all geoms
+    that its contact bits allow are fixed to the same body. With a static person, this applies to most geoms of a robot
+    on the floor.
     """
     model = copy(model)
     model.body_gravcomp[model.body_weldid == 0] = 0.0
@@ -28,7 +29,8 @@ def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _may_touch(model: mujoco.MjModel) -> BoolArray:
-    """Which geoms (G, G) may touch each other, by their contact bits and the bodies that they are fixed to."""
+    """Boolean mask (G, G): pairs of geoms that can collide, by their contact bits and the bodies that they are fixed
+    to."""
     meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
     fixed_to = model.body_weldid[model.geom_bodyid]
     return (meets | meets.T) & (fixed_to[:, None] != fixed_to)

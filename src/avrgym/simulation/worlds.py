@@ -1,4 +1,4 @@
-"""N worlds of one scene, stepped together by an engine."""
+"""N worlds of one scene, stepped by a physics engine."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -39,12 +39,12 @@ __all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "Stat
 
 
 MAX_LEAD_RAD = 0.08
-"""Maximum lead of a joint's target before the joint: it bounds the force of a blocked servo. For slides, see
+"""Maximum difference between a servo's target and the joint. It limits the force of a blocked servo. For slides, see
 ``kinematics.joint_units``."""
 
 
 PARKING_W = np.array([4.0, 4.0, 0.1])
-"""Place of particles that have left the task: far from everything, weightless, without contacts."""
+"""Position of removed particles: far from everything, weightless, without contacts."""
 
 
 @lru_cache(maxsize=16)
@@ -60,7 +60,7 @@ def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) 
 
 
 class Simulation:
-    """N worlds of a scene; each has its own person, who is set at every reset."""
+    """N worlds of a scene. Each world has its own person, which every reset sets."""
 
     def __init__(
         self,
@@ -79,16 +79,17 @@ class Simulation:
         Args:
             scene: furniture, robot and tool.
             num_worlds: N.
-            moving: whether the people's joints move; else people are static.
-            num_threads: threads of the host; 0 takes one per core.
-            by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
-            gliding: whether moving people move evenly from one target to the next, see ``command_person``.
+            moving: whether the people's joints move; otherwise people are static.
+            num_threads: threads of the host; 0: one per core.
+            by_region: whether ``region_force_n`` is measured. This takes time and changes no other result.
+            gliding: whether joint targets of moving people are interpolated, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
             on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
                 on the host.
 
         Raises:
-            ValueError: for an unknown engine or device, more worlds than memory allows, or options that a device lacks.
+            ValueError: for an unknown engine or device, more worlds than memory allows, or options that a device does
+                not support.
             RuntimeError: if a package that the engine needs is not installed.
         """
         if by_region and on_device:
@@ -122,11 +123,11 @@ class Simulation:
 
     @property
     def exemplar(self) -> Any:
-        """An array with the device and type of states and commands."""
+        """An example array with the device and data type of states and commands."""
         return self._now.qpos
 
     def reset(self, ids: IntArray, start: Start) -> None:
-        """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, servos at their targets."""
+        """Set worlds ``ids`` (n,) to their initial state: at rest, particles on the tool, servos at their targets."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
         for name, body in names.placed.items():
@@ -151,7 +152,7 @@ class Simulation:
         self._now = self.engine.now
 
     def _show_person(self, ids: IntArray) -> None:
-        """Copy sizes and places of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
+        """Copy sizes and positions of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
         self._capsule_m[ids] = moved_to(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
@@ -163,7 +164,7 @@ class Simulation:
         return Geoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
 
     def pose_people(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
-        """Put moving people of worlds ``ids`` (n,) into poses (n, 20) immediately."""
+        """Set the joint angles (n, 20) of moving people in worlds ``ids`` (n,) immediately."""
         self._host.qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
         self.batch.forward(ids)
         self.engine.copy_from_host(ids)
@@ -178,9 +179,9 @@ class Simulation:
         host.qpos[ids[:, None, None], self._names.particle_qpos] = pos
 
     def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
-        """Command the arm's joint speeds for the coming steps: actions (N, J), shares −1 to 1 of the speed limits.
+        """Command the arm's joint speeds for the next steps: actions (N, J) in [−1, 1], speeds divided by their limits.
 
-        ``which`` (N,) limits the command to some worlds; not on a device.
+        The mask ``which`` (N,) limits the command to some worlds; not on a device.
         """
         if self._brakes is not None:
             self._brakes.release()
@@ -206,9 +207,9 @@ class Simulation:
         self._now.ctrl[:, at.arm_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: FloatArray, which: BoolArray | None = None) -> None:
-        """Set the targets (N, 20) of a moving person's servos, for now or, gliding, for 0.1 s from now.
+        """Set the targets (N, 20) of a moving person's servos. With ``gliding`` they are reached after 0.1 s.
 
-        ``which`` (N,) limits the command to some worlds; not on a device.
+        The mask ``which`` (N,) limits the command to some worlds; not on a device.
         """
         at, command = self._at, joint_targets_rad
         if self._gliding:
@@ -219,12 +220,12 @@ class Simulation:
             self._now.ctrl[np.nonzero(which)[0][:, None], self._names.person_ctrl] = command[which]
 
     def step(self, substeps: int = SUBSTEPS) -> None:
-        """Advance all worlds by physics steps; forces are from the last step, positions from its end."""
+        """Advance all worlds by physics steps. Forces are from the last step, positions from its end."""
         self.engine.step(substeps)
         self._now = self.engine.now
 
     def check(self) -> None:
-        """Check the steps so far; on a device, call it once an episode.
+        """Check all steps since the last check. On a device, call this method once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
@@ -232,7 +233,7 @@ class Simulation:
         self.engine.check()
 
     def park(self, gone: BoolArray) -> None:
-        """Remove particles (N, K) from the task."""
+        """Remove the particles of a mask (N, K) from the task."""
         particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
         if particles is None or (xp is np and not gone.any()):
             return
@@ -280,14 +281,14 @@ class Simulation:
         )
 
     def region_force_n(self) -> FloatArray:
-        """Returns the forces on each of ``BODY_REGIONS`` in the last physics step, (N, R), added as in
+        """Returns the forces (N, R) on each of ``BODY_REGIONS`` in the last physics step, added as in
         ``total_force_n``.
 
         Raises:
             RuntimeError: if they are not measured.
         """
         if self._region_forces is None:
-            raise RuntimeError("forces by region are measured only in simulations made with by_region=True")
+            raise RuntimeError("forces by region are not measured; create the simulation with by_region=True")
         return self._region_forces.read_n()
 
     def right_arm(self) -> RightArm:
@@ -323,18 +324,18 @@ class Simulation:
         return float_copy(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> FloatArray:
-        """Returns everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
+        """Returns the whole state on which the next step depends: MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         self.engine.copy_to_host(np.array([world]))
         return self.batch.state[world].copy()
 
     def set_integration_state(self, state: FloatArray, world: int = 0) -> None:
-        """Put one world into a state from ``integration_state``."""
+        """Set one world to a state from ``integration_state``."""
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
         self.engine.copy_from_host(np.array([world]))
 
     def saved(self) -> dict[str, dict[str, NumpyArray]]:
-        """Returns everything that the next steps of all worlds depend on, with the present sensor values."""
+        """Returns the whole state on which the next steps of all worlds depend, with the present sensor values."""
         self.engine.copy_to_host(np.arange(self.num_worlds))
         return {
             "fields": {name: array.copy() for name, array in self._expanded().items()},
@@ -362,7 +363,7 @@ class Simulation:
         self._now = replace(self.engine.now, sensordata=moved_to(forces, self.exemplar))
 
     def _expanded(self) -> dict[str, NumpyArray]:
-        """The model fields that each world has its own copy of, by name."""
+        """The model fields that differ between worlds, by name."""
         names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
         names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
         return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
@@ -388,7 +389,7 @@ class Simulation:
 def _segments(
     arrays: Arrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
 ) -> FloatArray:
-    """The ends (n, G, 2, 3) of the axes of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
+    """Axis ends (n, G, 2, 3) of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
     axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]
     reach = axis * half_length_m
     return namespace(centre).stack([centre - reach, centre + reach], axis=2)
@@ -402,5 +403,5 @@ def _is_expanded(batch: Batch, name: str) -> bool:
 
 
 def _added_up(strongest_first: FloatArray) -> FloatArray:
-    """The sums (N,) of forces (N, C), added in order, so that empty slots at the end change no bit."""
+    """Sums (N,) of forces (N, C), added in order. Zeros at the end therefore change no bit."""
     return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

@@ -1,1 +1,1 @@
-"""The tasks, one folder and one record each, and the worlds in which they are done."""
+"""The tasks (one folder and one record each), and the worlds in which robots do them."""

@@ -12,10 +12,10 @@ from avrgym.geometry.arrays import moved_to, namespace
 def checked_actions(
     actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
 ) -> FloatArray:
-    """Returns actions as an array of double precision; rows that are ``ignored`` (N,) become zero.
+    """Returns actions as an array of double precision. Rows of the mask ``ignored`` (N,) become zero.
 
     Raises:
-        ValueError: for another shape, or numbers that are not finite.
+        ValueError: for a wrong shape, or numbers that are not finite.
     """
     try:
         found = np.array(actions, dtype=float)
@@ -37,7 +37,7 @@ def _allowed_actions(shape: tuple[int, ...]) -> str:
 
 
 class DeviceActions:
-    """Checks actions on a device without copies to the host; ``raise_invalid`` reports later what was not finite."""
+    """Checks actions on a device without copies to the host. ``raise_invalid`` reports invalid numbers later."""
 
     def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
         """Check actions (N, J) next to the array ``exemplar``."""
@@ -48,7 +48,7 @@ class DeviceActions:
         """Returns the actions, with zeros in place of numbers that are not finite.
 
         Raises:
-            ValueError: for another shape, type or device.
+            ValueError: for a wrong shape, type or device.
         """
         there = self._exemplar
         for part, wanted in {"shape": self._shape, "dtype": there.dtype, "device": there.device}.items():

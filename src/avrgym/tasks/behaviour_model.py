@@ -1,4 +1,4 @@
-"""Behaviour model of N people: joint targets for people who keep still, tremble, cooperate, or behave as partners."""
+"""Behaviour model of N people: joint targets of people who are still, have tremor, cooperate, or are zoo partners."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ from avrgym.tasks.task import replace_worlds
 
 
 class BehaviourModel:
-    """Computes the joint targets of N people of one distribution, each with an episode of its own."""
+    """Computes the joint targets of N people of one distribution, each in an independent episode."""
 
     def __init__(
         self,
@@ -38,8 +38,8 @@ class BehaviourModel:
             people: their bodies.
             offered: body part that people bring to the tool.
             posture: sitting or reclined.
-            human_actions: whether people move by actions alone, see ``move_targets``.
-            exemplar: an array on the device of the state, if not that of the people.
+            human_actions: whether only actions move people, see ``move_targets``.
+            exemplar: an array on the device of the state, if it differs from the device of ``people``.
         """
         self._partners = None if human_actions else distribution.partners
         self._cooperating = distribution.cooperating and not human_actions
@@ -52,7 +52,7 @@ class BehaviourModel:
         self._state = moved_to(self._initial(people, uniforms), height if exemplar is None else exemplar)
 
     def saved(self) -> CooperationState | PartnerState:
-        """Returns everything that the next steps depend on."""
+        """Returns the whole state on which the next steps depend."""
         return self._state
 
     def restore(self, saved: CooperationState | PartnerState) -> None:
@@ -69,7 +69,8 @@ class BehaviourModel:
         return partner_behaviour.initial_state(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
-        """Move the targets of joints for a control step, by actions (N, K) in shares of unhurried people's speeds."""
+        """Move the targets of joints for a control step. Actions (N, K) are speeds as shares of unhurried people's
+        speeds."""
         targets = partner_behaviour.steer_targets(self._state.targets_rad, joints, action)
         self._state = replace(self._state, targets_rad=limit(targets))
 
@@ -85,9 +86,9 @@ class BehaviourModel:
         Tremor changes its direction at every step (reference).
 
         Args:
-            observe: returns what people observe; called only for people who react to it.
+            observe: returns the observation of the people; called only for people who react to it.
             people: their bodies.
-            limit: limits joint angles to those that people can reach.
+            limit: limits joint angles to the people's ranges.
             which: worlds (N,) that take the step; ``None`` for all. The targets of others have no meaning.
         """
         state = self._state
@@ -112,6 +113,6 @@ class BehaviourModel:
 
 
 def _tremor_direction(time_s: FloatArray) -> FloatArray:
-    """The direction of tremor, −1 or 1, (N, 1)."""
+    """The sign (N, 1) of the tremor, −1 or 1, which alternates."""
     odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]

@@ -9,7 +9,7 @@ EPISODE_STEPS = 200
 WORLD_VERSION = 2
 """Version of the simulated world: physics, initial states and rewards. Recordings store it.
 
-A release with a higher version may replay the commands of a recording to other states.
+If the versions differ, the commands of a recording may lead to different states.
 """
 
 

@@ -42,10 +42,10 @@ class Step:
 
 @dataclass(frozen=True)
 class ControlStep:
-    """A control step of the first world that was taken in ticks.
+    """A control step of the first world, taken in ticks.
 
-    ``observation`` (O,) is from the start of the step, ``action`` (J,) from its end. ``withdrawing``: the withdrawal
-    drove the robot.
+    ``observation`` (O,) is from the start of the step, ``action`` (J,) from its end. ``withdrawing``: whether the
+    withdrawal drove the robot.
     """
 
     observation: FloatArray
@@ -55,19 +55,20 @@ class ControlStep:
 
 
 class ActionSource(Protocol):
-    """Commands the robots tick by tick: a policy, an operator or a recording."""
+    """Source of commands in each tick: a policy, an operator or a recording."""
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, J) at the start of a control step, given observations (N, O)."""
         ...
 
     def update_action(self) -> FloatArray | None:
-        """Returns other actions (N, J) at a later tick of the control step, or ``None`` to continue."""
+        """Returns new actions (N, J) at a later tick of the control step, or ``None`` to continue with the present
+        ones."""
         ...
 
 
 class ControlLoop:
-    """Steps N worlds by control steps: whole with ``step``, or in ticks of 10 ms with ``tick``.
+    """Steps N worlds by control steps: at once with ``step``, or in ticks of 10 ms with ``tick``.
 
     Two layers may replace commanded actions, in this order: ``withdrawal`` after success, then ``guard``. Without guard
     and recorder, ``step`` runs all physics steps between two commands in one call.
@@ -81,12 +82,12 @@ class ControlLoop:
         withdraw_after_success: bool = False,
         reward_withdrawal: bool = False,
     ) -> None:
-        """Switch layers on.
+        """Create the loop with the chosen layers.
 
         Args:
             episodes: the worlds.
             force_guard: whether a force guard overrides actions; needs forces by region.
-            withdraw_after_success: whether robots withdraw after success, in tasks that end with success.
+            withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
             reward_withdrawal: whether steps that the withdrawal drives are rewarded.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
@@ -100,10 +101,10 @@ class ControlLoop:
         self._substep, self._was_held = 0, False
         self._substeps = episodes.scene.substeps
         self._observation: FloatArray | None = None
-        """Observations (N, O) of the present state, if a control step has just ended."""
+        """Observations (N, O) of the present state; only directly after a control step."""
         self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
         self.applied_action: FloatArray | None = None
-        """The action (J,) of the first world from the latest tick on, if it is a new one."""
+        """The action (J,) of the first world if it changed at the latest tick, otherwise ``None``."""
         self.braked = False
         """Whether the latest action is zero and the brakes hold the robots."""
 
@@ -115,7 +116,7 @@ class ControlLoop:
         self.abort_step()
 
     def saved(self) -> dict[str, Any]:
-        """Returns everything that the next control step depends on."""
+        """Returns the whole state on which the next control step depends."""
         layers = {"withdrawal": self.withdrawal, "guard": self.guard}
         return {name: layer.saved() for name, layer in layers.items() if layer is not None}
 
@@ -128,17 +129,17 @@ class ControlLoop:
 
     @property
     def withdrawing(self) -> BoolArray:
-        """Boolean mask (N,): worlds whose robot withdraws after success, or waits withdrawn."""
+        """Boolean mask (N,): worlds whose robot withdraws after success, or has withdrawn and waits."""
         if self.withdrawal is None:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
         return self.withdrawal.driving
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, J), with those of the withdrawal in the worlds that it drives."""
+        """Returns actions (N, J), replaced by the withdrawal's in the worlds that it drives."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
-        """Returns the outcome with what the layers report, given the commanded actions (N, J)."""
+        """Add the layers' reports to a step, given the commanded actions (N, J)."""
         if self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
@@ -148,10 +149,10 @@ class ControlLoop:
         )
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, J); a recorder receives the forces of each physics step.
+        """Take one control step with actions (N, J). A recorder receives the forces of each physics step.
 
         Raises:
-            ValueError: for actions that ``Episodes.checked`` rejects; nothing has moved then.
+            ValueError: for actions that ``Episodes.checked`` rejects. The worlds do not change then.
         """
         self._commanded = self._episodes.checked(actions)
         self._execute(self.apply_withdrawal(self._commanded))
@@ -180,7 +181,7 @@ class ControlLoop:
             self._episodes.command_people_by_themselves()
 
     def _change(self, actions: FloatArray | None) -> bool:
-        """Change actions within a control step if the source or the guard does; returns whether they changed."""
+        """Apply new actions of source or guard within a control step. Returns whether actions changed."""
         if self.guard is not None:
             changed = self.guard.update(actions)
             if changed.any():
@@ -201,10 +202,10 @@ class ControlLoop:
         return self.annotate(outcome, self._commanded)
 
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms; with a source, the last tick of a control step returns it.
+        """Advance by 10 ms. With a source, the last tick of a control step returns the completed step.
 
-        With ``hold``, the brakes hold the robots instead of the commanded actions; a guard that overrides still moves
-        them. While the withdrawal drives all worlds, the source is not queried.
+        With ``hold``, the brakes hold the robots instead of the commanded actions. An intervention of the guard still
+        moves them. While the withdrawal drives all worlds, the source is not queried.
         """
         self.applied_action = None
         if source is None:
@@ -225,7 +226,7 @@ class ControlLoop:
         return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
     def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
-        """Advance by 10 ms outside of control steps; new actions (N, J) apply from now on."""
+        """Advance by 10 ms outside of control steps, with new actions (N, J) if given."""
         self.applied_action = None
         if actions is not None:
             self._executed = actions
@@ -235,11 +236,11 @@ class ControlLoop:
 
     @property
     def moving(self) -> bool:
-        """Whether the latest action moves a robot."""
+        """Whether the latest action moves any robot."""
         return bool(self._executed.any())
 
     def abort_step(self) -> None:
-        """Drop a control step that has begun, and its action."""
+        """Discard an unfinished control step and its action."""
         self._substep, self._executed = 0, self._zeros
         self.applied_action = self._observation = None
 

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from avrgym.tasks.camera_images import CameraImages
 
 EFFORT = "action_squared"
-"""The reward term of an agent's own effort."""
+"""The reward term of the action penalty, which depends on the agent."""
 MAX_START_DRAWS = 100
-"""Maximum number of draws until a start without overlapping bodies is found."""
+"""Maximum number of samples until an initial state without overlapping bodies is found."""
 
 
 class Episodes:
@@ -66,30 +66,28 @@ class Episodes:
             num_worlds: N.
             people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human or a
                 folder of trained humans.
-            person: one fixed person for every episode instead.
+            person: one fixed person for every episode, instead of ``people``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
-            moving: whether people's joints are driven from outside, with ``Simulation.command_person``.
-            num_threads: threads for the physics; 0 takes one per core.
+            moving: whether the caller moves people's joints, with ``Simulation.command_person``.
+            num_threads: threads for the physics; 0: one per core.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
             human_actions: whether people execute actions, see ``command_people``, instead of moving by themselves.
             engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
-            on_device: whether control steps stay on that engine's device: ``step`` takes and returns tensors without
-                copies to the host; call ``check`` once an episode. Episodes start on the host.
+            on_device: whether control steps run on the engine's device. ``step`` then takes and returns tensors,
+                without copies to the host. Call ``check`` once per episode. The host computes initial states.
             withdraw_after_success: whether the robot withdraws its tool after success in tasks that end with success,
                 see ``safety.withdrawal``. Steps that the withdrawal drives have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
             settings: changes of scene and control.
 
         Raises:
-            ValueError: for unknown names, with the allowed ones, and for more worlds than memory allows.
+            ValueError: for unknown names (the message lists the allowed ones), and for more worlds than memory allows.
             RuntimeError: if a package that the engine needs is not installed.
         """
         if withdraw_after_success and engine != THREADS:
             raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
         if force_guard and on_device:
-            raise ValueError(
-                f"force_guard reads forces on the host; allowed with {engine}: force_guard without on_device"
-            )
+            raise ValueError(f"force_guard reads forces on the host; with {engine} it needs on_device=False")
         self._made_with = {
             "people": people,
             "person": person,
@@ -125,7 +123,7 @@ class Episodes:
             )
         if on_device and self._people.need_host:
             raise ValueError(
-                "people with human actions or trained policies move on threads; "
+                "people with human actions or trained policies need the engine threads; "
                 f"allowed with {engine}: other people"
             )
         self.action_size = len(self.scene.arm.joints)
@@ -158,13 +156,13 @@ class Episodes:
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.start_draws = np.zeros(num_worlds, dtype=int)
-        """Number of draws (N,) until the present episodes had a valid start."""
+        """Number of samples (N,) until the present episodes had a valid initial state."""
         self._images: CameraImages | None = None
         self.loop = ControlLoop(self, force_guard=force_guard, withdraw_after_success=withdraw_after_success)
-        """Steps the worlds."""
+        """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Arguments and state: a copy continues to the same bits. It reads a file of people again."""
+        """Arguments and state: a copy continues bit-identically. It reads a people file again."""
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
@@ -191,16 +189,16 @@ class Episodes:
         return self._people.people
 
     def set_person(self, person: Person) -> None:
-        """Let all following episodes have this fixed person."""
+        """Use this fixed person in all following episodes."""
         self._people.person = person
 
     def reset(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
-        """Start episodes in worlds ``ids`` (n,), each drawn from its generator; returns observations (n, O).
+        """Start episodes in worlds ``ids`` (n,), each sampled from its generator. Returns observations (n, O).
 
-        A start with overlapping bodies is drawn again, see ``simulation.start_clearance``.
+        Initial states with overlapping bodies are resampled, see ``simulation.start_clearance``.
 
         Raises:
-            NoClearanceError: a ``ValueError``, after ``MAX_START_DRAWS`` invalid starts of a world.
+            NoClearanceError: a ``ValueError``, after ``MAX_START_DRAWS`` invalid initial states of a world.
         """
         generator_of = dict(zip(ids.tolist(), generators, strict=True))
         self.start_draws[ids] = 0
@@ -213,7 +211,7 @@ class Episodes:
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
                 person = self.people.person(world)
                 raise NoClearanceError(
-                    f"{self.environment_id}: none of {MAX_START_DRAWS} starts leaves enough clearance "
+                    f"{self.environment_id}: none of {MAX_START_DRAWS} initial states has enough clearance "
                     f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
                     f"in the last one {conflicts[world]}"
                 )
@@ -221,7 +219,7 @@ class Episodes:
         return self.observe()[ids]
 
     def episode_start(self, world: int) -> EpisodeStart:
-        """The start of a world's episode, without its person. Valid until the first step is evaluated."""
+        """The initial state of a world's episode, without its person. Call it before the first step is evaluated."""
         pos_w, q_w = self.simulation.robot_base()
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
@@ -232,10 +230,10 @@ class Episodes:
         )
 
     def reset_to_start(self, start: EpisodeStart) -> None:
-        """Begin an episode in the first world from a stored start, with the fixed person.
+        """Begin an episode in the first world from a stored initial state, with the fixed person.
 
         Raises:
-            KeyError, TypeError, ValueError: for a start of another environment.
+            KeyError, TypeError, ValueError: for an initial state of another environment.
         """
         first = np.array([0])
         task_state = {
@@ -251,7 +249,7 @@ class Episodes:
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
-        """Draw a start for each of worlds ``ids`` (n,) and put the worlds into it."""
+        """Sample an initial state for each of worlds ``ids`` (n,) and set the worlds to it."""
         count = world_people.NUM_UNIFORMS + self.task.num_uniforms
         uniforms = np.stack([generator.random(count) for generator in generators])
         people = self._people.reset(ids, uniforms[:, : world_people.NUM_UNIFORMS])
@@ -269,9 +267,9 @@ class Episodes:
         return people if share is None else replace(people, strength_share=share * people.strength_share)
 
     def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
-        """Pairs of bodies without enough room, by world, of worlds ``ids`` (n,).
+        """Pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
 
-        People who move by themselves may tremble: they reach two more poses within their first control step.
+        People who move by themselves may have tremor. The two extreme poses of the tremor are then checked too.
         """
         found = self._insufficient_clearance(ids)
         if self._people.move:
@@ -292,24 +290,25 @@ class Episodes:
         """Take one control step with actions (N, J), see ``ControlLoop.step``.
 
         Raises:
-            ValueError: for actions that ``checked`` rejects; nothing has moved then.
+            ValueError: for actions that ``checked`` rejects. The worlds do not change then.
         """
         return self.loop.step(actions, recorder)
 
     def checked(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, J) that can be executed.
+        """Check actions (N, J) and return them as an array.
 
-        On a device, actions must be tensors of its precision there; ``check`` reports numbers that are not finite.
+        On a device, actions must be tensors on this device in its precision. ``check`` reports numbers that are not
+        finite.
 
         Raises:
-            ValueError: for another shape, type or device, or numbers that are not finite.
+            ValueError: for a wrong shape, type or device, or numbers that are not finite.
         """
         if self._device_actions is not None:
             return self._device_actions.checked(actions)
         return checked_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
-        """Command the robots with checked actions (N, J), and people who move by themselves with their targets."""
+        """Command the robots with checked actions (N, J), and set the targets of people who move by themselves."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.observe_human()))
@@ -321,7 +320,7 @@ class Episodes:
             self.simulation.command_person(*self._people.step(self.simulation.state))
 
     def check(self) -> None:
-        """Check the results so far on a device; call it once an episode.
+        """Check all results since the last check on a device. Call it once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
@@ -335,13 +334,13 @@ class Episodes:
         """Command people for the next control step.
 
         Args:
-            action: (N, K), the speed of each of ``offered_joints`` as a share, −1 to 1, of the speed of unhurried
-                people; values outside are clipped, and no joint exceeds its range.
+            action: (N, K), the speed of each of ``offered_joints`` in [−1, 1], divided by the speed of unhurried
+                people. Values outside are clipped, and no joint exceeds its range.
         """
         self._people.command(action)
 
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
-        """Evaluate the control step that ends now, executed with actions (N, J); remove particles that left the task.
+        """Evaluate the control step that ends now, given its actions (N, J). Remove particles that left the task.
 
         Rewards and their terms become 0 in the worlds ``unrewarded`` (N,).
         """
@@ -356,7 +355,7 @@ class Episodes:
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> Step:
-        """Evaluate the present state as after a step of zero actions; the tasks' states do not change."""
+        """Evaluate the present state as if a step with zero actions had ended. The tasks' states do not change."""
         state = self.simulation.state()
         rest = moved_to(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
         return self.loop.annotate(
@@ -389,9 +388,9 @@ class Episodes:
         return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
-        """The reward (N,) of people with actions (N, K): the robots' reward if it is shared.
+        """The reward (N,) of people with actions (N, K): the robots' reward if ``shared``.
 
-        Otherwise their own action penalty replaces that of the robots.
+        Otherwise the people's action penalty replaces the robots' action penalty.
         """
         weight = self.task.weights.get(EFFORT, 0.0)
         if shared or not weight:

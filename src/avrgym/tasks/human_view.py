@@ -17,11 +17,11 @@ from avrgym.tasks.registry import task_and_scene
 
 @dataclass(frozen=True, kw_only=True)
 class PersonInputs:
-    """The quantities from which N people's observations are computed; world frame, metres, radians, newtons.
+    """The inputs of N people's observations; world frame, metres, radians, newtons.
 
-    Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` has one (N, 3) for each of the view's ``goals``;
-    ``joint_angles_rad`` is (N, 20), ``right_arm_pos_w`` (N, 3, 3) is shoulder, elbow and wrist. Forces (N,) are of the
-    robot with its tool, and of the tool.
+    Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each of the view's
+    ``goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist. The forces
+    (N,) are the force of robot and tool, and the force of the tool.
     """
 
     hips_pos_w: FloatArray
@@ -38,15 +38,15 @@ class PersonInputs:
 
 
 class HumanView:
-    """The parts of a person's observation, in order, as in Assistive Gym; metres, radians, newtons.
+    """Computes a person's observation, as in Assistive Gym; metres, radians, newtons.
 
-    Tool (3) and its rotation (4); the tool from its goal (3) if the robot observes that; all 20 joint angles; shoulder,
-    elbow and wrist (9) if an arm is offered, else the head (3) and its rotation (4); the forces of robot and tool (1)
-    and of the tool (1).
+    The order is: position (3) and quaternion (4) of the tool; the tool's position relative to its goal (3), if the
+    robot observes it; all 20 joint angles; positions of shoulder, elbow and wrist (9) if an arm is offered, otherwise
+    position (3) and quaternion (4) of the head; the force of robot and tool (1) and of the tool (1).
     """
 
     def __init__(self, offered: OfferedPart, observation: Observation) -> None:
-        """The view of people who offer a part of the body to a robot with this observation."""
+        """Create the view of people who offer a part of the body to a robot with this observation."""
         self._arm = offered == "arm"
         self.goals = [entry for entry in observation.entries if entry.scale is not None]
         body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4
@@ -58,7 +58,7 @@ class HumanView:
         self.scale = np.array(
             [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
         )
-        """Fixed scales, (O,), NaN where there is none, as in ``Observation``."""
+        """Fixed scales (O,), NaN without a scale, as in ``Observation``."""
 
     @property
     def size(self) -> int:
@@ -88,7 +88,7 @@ class HumanView:
         return [head, transforms.multiply(turned_back, seen.head_q_w)]
 
     def seen_in(self, simulation: Simulation, task_state: Any) -> PersonInputs:
-        """Returns these quantities for the people of a simulation with moving joints."""
+        """Returns the inputs for the people of a simulation with moving joints."""
         state = simulation.state()
         hips_pos_w, hips_q_w = simulation.hips()
         return PersonInputs(
@@ -110,7 +110,7 @@ def human_view_of(environment_id: str) -> tuple[HumanView, int]:
     """Returns the human's view in an environment, and the length of the human's actions.
 
     Raises:
-        ValueError: for an unknown environment, with the available ids.
+        ValueError: for an unknown environment. The message lists the ids.
     """
     task, scene = task_and_scene(environment_id)
     return HumanView(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])

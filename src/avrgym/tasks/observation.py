@@ -12,16 +12,16 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 
 EntryFunction = Callable[[State, Any], FloatArray]
-"""From the states of N worlds and of the task to values (N, k), or (N,) for one value."""
+"""A function that computes values (N, k), or (N,) for one value, from the states of N worlds and of the task."""
 
 MAX_DISTANCE_M = 3.0
-"""Arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
+"""Bound of a distance: arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
 MAX_ANGLE_RAD = 7.0
-"""Joint ranges end at ±2π. A soft stop lets a joint go slightly beyond."""
+"""Bound of a joint angle: ranges end at ±2π, and soft limits allow slightly more."""
 UNIT_BOUND = 1.001
 """Bound of a component of a unit quaternion, with a margin for rounding."""
 MAX_FORCE_N = 10_000.0
-"""50 times the force of the strongest joint at 0.4 m."""
+"""Bound of a force: 50 times the force of the strongest joint at 0.4 m."""
 
 
 @dataclass(frozen=True)
@@ -39,30 +39,30 @@ class Entry:
 
 
 def position(name: str, of: EntryFunction) -> Entry:
-    """Three coordinates in metres, relative to something within reach."""
+    """Entry of three coordinates in metres, relative to a point within reach."""
     return Entry(name, 3, MAX_DISTANCE_M, of)
 
 
 def from_goal(name: str, of: EntryFunction) -> Entry:
-    """Offset of the tool from its goal in metres.
+    """Entry of the tool's offset from its goal in metres.
 
-    Near the goal, centimetres matter. The variance over whole episodes would hide them, so the scale is fixed.
+    Its scale is fixed: the variance over whole episodes is too large to resolve centimetres near the goal.
     """
     return Entry(name, 3, MAX_DISTANCE_M, of, scale=0.05)
 
 
 def quaternion(name: str, of: EntryFunction) -> Entry:
-    """A rotation w, x, y, z."""
+    """Entry of a quaternion w, x, y, z."""
     return Entry(name, 4, UNIT_BOUND, of)
 
 
 def angles(name: str, count: int, of: EntryFunction) -> Entry:
-    """Joint angles in radians."""
+    """Entry of joint angles in radians."""
     return Entry(name, count, MAX_ANGLE_RAD, of)
 
 
 def force(name: str, of: EntryFunction) -> Entry:
-    """The magnitude of a force in newtons."""
+    """Entry of the magnitude of a force in newtons."""
     return Entry(name, 1, MAX_FORCE_N, of)
 
 
@@ -71,7 +71,7 @@ class Observation:
     """The entries of an observation, in order.
 
     Raises:
-        ValueError: for no entries, or two of the same name.
+        ValueError: without entries, or if two entries have the same name.
     """
 
     entries: tuple[Entry, ...]
@@ -96,7 +96,7 @@ class Observation:
 
     @property
     def scale(self) -> FloatArray:
-        """Fixed scales (O,); NaN where there is none."""
+        """Fixed scales (O,); NaN for values without a fixed scale."""
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
@@ -111,7 +111,7 @@ class Observation:
         """Observations (N, O) of a state.
 
         Raises:
-            ValueError: if an entry has another number of values than its ``size``.
+            ValueError: if an entry's number of values is not its ``size``.
         """
         count = len(state.tool_pos_w)
         parts = [entry.of(state, task_state).reshape(count, -1) for entry in self.entries]
@@ -132,7 +132,7 @@ def number_names(observation: Observation) -> list[str]:
 
 
 def joint_positions(scene: SceneConfig) -> Entry:
-    """Joint angles of the moving arm."""
+    """Entry of the moving arm's joint angles."""
     return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.joint_positions)
 
 
@@ -150,11 +150,11 @@ RIGHT_ARM_FROM_TORSO = tuple(
     position(f"{name}_from_torso_m", _right_arm(joint))
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
-"""Common entries. The torso is the robot's; axes are those of the world."""
+"""Common entries, relative to the robot's torso, with the axes of the world frame."""
 
 
 def tool_at_the_mouth(scene: SceneConfig) -> Observation:
-    """Tool, arm and head, for tasks at the mouth."""
+    """The observation of tasks at the mouth: tool, arm and head."""
     return Observation(
         (
             TOOL_FROM_TORSO,

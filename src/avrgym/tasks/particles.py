@@ -12,10 +12,10 @@ GROUND_M = 0.03
 
 
 def touching_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
-    """Returns which of the ``candidates`` (N, K) touch the person.
+    """Boolean mask (N, K): the ``candidates`` (N, K) that touch the person.
 
-    A particle touches within 2 mm of a capsule's surface. Distances are computed only for particles that are farther
-    from the tool than the person is.
+    A particle touches the person within 2 mm of a capsule's surface. Distances are computed only for particles that are
+    farther from the tool than the person is.
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
@@ -29,7 +29,7 @@ def touching_person(state: State, radius_m: float, candidates: BoolArray) -> Boo
 
 
 def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
-    """Distances (n, G) of points (n, 3) from the surfaces of the capsules of the person in their world, in metres."""
+    """Distances (n, G) in metres of points (n, 3) from the surfaces of the person's capsules in the point's world."""
     segment_w = state.person_segment_w[world]
     distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
@@ -44,7 +44,7 @@ def check_count(state: State, happened: BoolArray) -> None:
     """Check that a task's state has as many particles as its tool carries.
 
     Raises:
-        ValueError: with both numbers.
+        ValueError: if the numbers differ. The message contains both.
     """
     carried = state.particle_pos_w.shape[1]
     if happened.shape[1] != carried:

@@ -23,7 +23,7 @@ STRONG_FORCE_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
 SKIN_MARGIN_M = 0.008
 LATERAL_AXES = np.array([1.0, 1.0, 0.0])
-"""Selects the components across a limb, in the limb's frame."""
+"""Factors that select the components perpendicular to a limb, in the limb's frame."""
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
@@ -32,6 +32,6 @@ def force_above_limit(force_n: FloatArray) -> FloatArray:
 
 
 def above_sleeve(places: FloatArray) -> FloatArray:
-    """Move points (..., 3) on a limb's collision shape outside of skin and sleeve, in the limb's frame."""
+    """Move points (..., 3) from a limb's collision shape to the outside of skin and sleeve, in the limb's frame."""
     outwards = places * constant_like(LATERAL_AXES, places)
     return places + SKIN_MARGIN_M * transforms.normalize(outwards)

@@ -20,7 +20,7 @@ from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
-"""Uniform numbers for a base or, if it is fixed, for an arm: enough for the restarts of 75 joints."""
+"""Number of uniform random numbers for a base, or for the arm of a fixed base: enough for the restarts of 75 joints."""
 Z = [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """Edge of wheelchair and bed on the robot's side: x coordinate."""
@@ -109,9 +109,9 @@ def placed_start(
 ) -> Start:
     """Initial states of n worlds with tool poses (n, 3) and (n, 4).
 
-    A movable base is searched for among ``base_search.CANDIDATES``: from it the tool also reaches the goals, (n, G, 3)
-    and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) draw the candidates, or the restarts of the inverse kinematics if
-    the seed pose of a fixed arm does not lead to a solution.
+    For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses, from which the tool also
+    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed
+    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution.
     """
     chain, seed_pose, mount = arm_chain(scene), scene.arm.seed_pose, scene.mount
     if mount.base_range is None:
@@ -131,7 +131,7 @@ def placed_start(
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
-    """The candidates, moved away from the person where the base would overlap the furniture."""
+    """Move candidates whose base would overlap the furniture away from the person."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
     nearest = FURNITURE_EDGE_M[scene.posture] - scene.robot.half_width_m * turned

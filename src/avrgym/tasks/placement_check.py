@@ -1,4 +1,4 @@
-"""Check of a robot's placement: whether initial states without collision are found."""
+"""Checks a robot's placement: whether initial states without collision are found."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 MAX_MEAN_DRAWS = 2.0
-"""Largest mean number of draws of an initial state: half of them may be rejected."""
+"""Maximum mean number of samples of an initial state: half of them may be rejected."""
 PEOPLE, STARTS = "revised", 32
 """Population and number of initial states of a robot check."""
 BODY_STARTS = 4
@@ -31,8 +31,8 @@ ARM_BATCH_SIZE = 50
 
 @dataclass(frozen=True)
 class StartDrawStatistics:
-    """Number of draws until an initial state has no collision: mean and maximum. ``refused`` is the reason if none
-    had."""
+    """Number of samples until an initial state has no collision: mean and maximum. ``refused``: reason of failure, if
+    any."""
 
     mean: float
     most: int
@@ -40,12 +40,12 @@ class StartDrawStatistics:
 
     @property
     def fault(self) -> str:
-        """Description of the fault, or empty."""
+        """Description of the error, or empty."""
         return self.refused or excess_draws(self.mean, self.most)
 
 
 def excess_draws(mean: float, most: int) -> str:
-    """Description of too many draws, or empty."""
+    """Description of too many samples, or empty."""
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
@@ -55,7 +55,7 @@ def excess_draws(mean: float, most: int) -> str:
 
 
 def draw_starts(episodes: Episodes) -> StartDrawStatistics:
-    """Reset each world with its index as seed; returns the number of draws."""
+    """Reset each world with its index as seed, and count the samples."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
@@ -68,7 +68,8 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
 
 @cache
 def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDrawStatistics], ...]:
-    """Initial states next to resting people: both body models, with the least and the greatest torso height."""
+    """Sample initial states next to resting people: both body models, with the smallest and the largest torso
+    height."""
     episodes = Episodes(environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1)
     return tuple(_of_bodies(episodes))
 
@@ -81,13 +82,13 @@ def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDrawStatistics
 
 
 def check_starts(environment_id: str) -> StartDrawStatistics:
-    """Draw initial states next to random people and next to each body.
+    """Sample initial states next to random people and next to each body.
 
     Returns:
-        Number of draws next to random people.
+        Number of samples next to random people.
 
     Raises:
-        ValueError: for a mean above ``MAX_MEAN_DRAWS``, or a body without an initial state.
+        ValueError: if the mean exceeds ``MAX_MEAN_DRAWS``, or a body has no valid initial state.
     """
     drawn = draw_starts(Episodes(environment_id, STARTS, people=PEOPLE, num_threads=1))
     faults = [
@@ -99,7 +100,7 @@ def check_starts(environment_id: str) -> StartDrawStatistics:
 
 
 def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
-    """Run ``check_starts`` for each environment of a robot; results by environment.
+    """Run ``check_starts`` for each environment of a robot. Returns the results by environment.
 
     Raises:
         ValueError: for the first environment that fails.
@@ -109,7 +110,7 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
 
 
 def is_collision_free(task: str, robot: Robot, joint_positions: FloatArray) -> BoolArray:
-    """Which poses (n, J) of a robot's arm do not touch person and furniture, with the base at its mount.
+    """Boolean mask (n,): poses (n, J) of a robot's arm without contact with person and furniture, base at its mount.
 
     The person is in the task's rest pose, in both body models of mean height.
     """

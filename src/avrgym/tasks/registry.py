@@ -22,7 +22,7 @@ from avrgym.tasks.task import Task
 
 
 class Registry:
-    """Tasks by name, environments by id, and what was skipped because of errors."""
+    """Tasks by name, environments by id, and error messages of skipped plug-ins."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -40,7 +40,9 @@ class Registry:
             raise ValueError(f"a task named {task.name} is already registered; allowed: another name")
         suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
         if not suited:
-            raise ValueError(f"no robot can do task {task.name}; the robots are {', '.join(self.robots)}")
+            raise ValueError(
+                f"no robot has the arm, mount and grip for task {task.name}; the robots are {', '.join(self.robots)}"
+            )
         made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)
         if taken:
@@ -72,7 +74,7 @@ TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
 """Task and robot names by environment id."""
 BROKEN: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
-"""Skipped plug-ins: tasks, and environments of a task with a robot."""
+"""Error messages of skipped plug-ins: of tasks, and of environments of a task with a robot."""
 
 
 def find_environment(environment_id: str) -> tuple[str, str]:
@@ -82,9 +84,7 @@ def find_environment(environment_id: str) -> tuple[str, str]:
         ValueError: for an unknown id, listing the ids.
     """
     if environment_id not in ENVIRONMENTS:
-        raise ValueError(
-            f"unknown environment {environment_id!r}; the environments are {', '.join(ENVIRONMENTS)}"
-        )
+        raise ValueError(f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}")
     return ENVIRONMENTS[environment_id]
 
 
@@ -121,7 +121,7 @@ def sizes(environment_id: str) -> tuple[int, int]:
     """Sizes of observation and action.
 
     Raises:
-        ValueError: for an unknown environment, with the allowed ids.
+        ValueError: for an unknown id. The message lists the ids.
     """
     task, scene = task_and_scene(environment_id)
     return task.observation(scene).size, len(scene.arm.joints)

@@ -25,7 +25,7 @@ TaskState = Any
 
 
 class EpisodeStart(msgspec.Struct, frozen=True):
-    """The start of an episode, without its person, in plain numbers: recordings store it."""
+    """The initial state of an episode, without its person, in plain numbers. Recordings store it."""
 
     robot_pos_w: Annotated[list[float], Meta(description="Position of the robot's base, m.")]
     robot_q_w: Annotated[list[float], Meta(description="Orientation of the robot's base: w, x, y, z.")]
@@ -47,7 +47,7 @@ class StepResult:
         terms: unweighted reward terms, (N,) each, with the names of ``Task.weights``.
         distance_m: distance of the tool from its goal (N,).
         force_on_person_n: contact force of robot and tool on the person (N,).
-        success: whether the task has succeeded so far (N,).
+        success: whether the task has succeeded up to this step (N,).
         events: number of events with a chime, such as a bite (N,).
         gone: particles to remove (N, K); K is 0 for tools without particles.
     """
@@ -85,9 +85,9 @@ class RunningEpisodes(Protocol):
 
 
 Controller = Callable[[FloatArray], FloatArray]
-"""From observations (N, O) to actions (N, A)."""
+"""A function from observations (N, O) to actions (N, A)."""
 Expert = Callable[[RunningEpisodes], Controller]
-"""Makes a controller after a reset; it is valid for that episode."""
+"""A function that creates a controller after a reset, for one episode."""
 
 
 class View(NamedTuple):
@@ -100,7 +100,7 @@ class View(NamedTuple):
 
 
 BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
-"""For a robot on the floor that brings something to the mouth of a person in the wheelchair."""
+"""The view of a robot on the floor that brings a tool to the mouth of a person in the wheelchair."""
 
 
 class Views(NamedTuple):
@@ -130,11 +130,11 @@ class Task:
 
     Attributes:
         name: an ASCII identifier; environments are called ``avrgym/{name}{robot}-v1``.
-        goal: the task in one sentence for participants, without how it is done (paper, section V).
+        goal: the task in one sentence for participants; it does not describe how the robot does it (paper, section V).
         pose: initial pose of the person.
         offered: body part that cooperating people bring to the tool.
-        strength_share: share of their strength with which people hold their pose, so that the robot can move their
-            joints. ``None``: people who do not move are rigid.
+        strength_share: share of their strength with which people hold their pose. With a small share the robot can move
+            their joints. ``None``: people who do not move are rigid.
         scene: returns the scene for a robot; called once for each.
         num_uniforms: number of uniform numbers of ``start``.
         start: initial state from the scene, the people and uniform numbers (n, ``num_uniforms``).
@@ -142,7 +142,7 @@ class Task:
         observation: the observation of a scene.
         weights: weight of each reward term; the reward is the weighted sum.
         evaluate_step: rewards and success from the state after the step, the action (N, A) and the previous task state.
-        expert: plans with full knowledge; shows that the task is feasible (``--policy oracle``).
+        expert: plans with the full state; shows that the task is feasible (``--policy oracle``).
         feedback_expert: a smooth function of the present state, without memory; training imitates it.
         views: camera views for pictures.
         hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.
@@ -153,12 +153,12 @@ class Task:
         withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
             ``withdraw_after_success``.
         variant: returns the task with the tool and the particles of settings; ``None``: the task has no such settings.
-        tracked: body parts that VR must track: the head, and the arms that the robot works on. An attempt ends when the
-            tracking of one is lost.
+        tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of one
+            is lost, the attempt ends.
 
     Raises:
-        TypeError: for a missing field or a field of another type.
-        ValueError: for a field with a value that is not allowed.
+        TypeError: if a field is missing or has a wrong type.
+        ValueError: if the value of a field is not allowed.
     """
 
     name: str
@@ -242,7 +242,7 @@ class Task:
         """Weighted sum of the terms (N,).
 
         Raises:
-            ValueError: if the terms are not those with weights.
+            ValueError: if terms and weights have different names.
         """
         if terms.keys() != self.weights.keys():
             raise ValueError(
@@ -283,7 +283,7 @@ def state_arrays(task_state: object) -> dict[str, NumpyArray]:
 
 
 def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
-    """The arrays ``old`` of N worlds, with worlds ``ids`` replaced by ``new``."""
+    """Replace worlds ``ids`` (n,) in the arrays ``old`` of N worlds by ``new``."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
         array[ids] = moved_to(getattr(new, name), array)

@@ -19,10 +19,10 @@ def check_task(name: str) -> None:
     Initial states are checked by ``tasks.placement_check.check_starts``.
 
     Raises:
-        ValueError: for an unknown task, or for the first fault.
+        ValueError: for an unknown task, or with the first error of the task.
     """
     if name not in TASKS:
-        raise ValueError(f"unknown task {name!r}; the tasks are {', '.join(TASKS)}")
+        raise ValueError(f"unknown task {name!r}; allowed: {', '.join(TASKS)}")
     for environment_id, (task, _) in ENVIRONMENTS.items():
         if task == name:
             check_starts(environment_id)

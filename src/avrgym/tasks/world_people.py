@@ -26,16 +26,16 @@ from avrgym.tasks.task import replace_worlds
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
 """Uniform random numbers for each person: for the body, the impairment and the behaviour."""
 _POPULATION, _EXPLORATION = 2, 3
-"""Indices of a behaviour's uniform numbers: one chooses the population, one seeds the exploration noise of a trained
-human. The behaviour models of trained humans do not use them."""
+"""Indices of two of the behaviour's uniform numbers: one chooses the population, one seeds the exploration noise of a
+trained human."""
 
 
 def environment_populations(name_or_path: str, environment_id: str) -> tuple[Population, ...]:
-    """Returns the populations that ``--people`` names, for an environment.
+    """Returns the populations for a value of ``--people`` in an environment.
 
     Raises:
-        ValueError: for unknown people, with the allowed names; for a damaged file; for humans that were trained for
-            another environment or have a network of another size.
+        ValueError: for unknown people (the message lists the allowed names); for a damaged file; for humans that were
+            trained for another environment or whose network has a wrong size.
     """
     populations = find_populations(name_or_path, TASKS)
     for population in populations:
@@ -44,7 +44,7 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
         trained_for = population.trained.metadata.environment
         if trained_for != environment_id:
             raise PolicyError(
-                f"{population.name}: a human trained for {trained_for}, not for {environment_id}; allowed: those of "
+                f"{population.name}: a human trained for {trained_for}, not for {environment_id}; allowed: humans of "
                 f"`avrgym train {environment_id} --recipe pair`"
             )
         view, joints = human_view_of(environment_id)
@@ -60,8 +60,9 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
 class WorldPeople:
     """The people of N worlds. ``people`` are their bodies, on the host.
 
-    ``trained`` are trained policies that move them, if there are any. ``move``: they move during episodes; ``glide``:
-    they move evenly from target to target. ``extra_clearance_m`` is the clearance that their motion needs in addition.
+    ``trained`` are the trained policies that move people, if any. ``move``: whether people move during episodes.
+    ``glide``: whether their joint targets are interpolated. ``extra_clearance_m`` is the additional clearance that
+    their motion needs.
     """
 
     def __init__(
@@ -76,16 +77,16 @@ class WorldPeople:
         driven: bool,
         human_actions: bool,
     ) -> None:
-        """Find the populations; ``place`` comes before anything else.
+        """Find the populations. Call ``place`` before other methods.
 
         Args:
-            name_or_path: names the populations, see ``Episodes``.
+            name_or_path: the populations, see ``Episodes``.
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             scene: the furniture, and the posture of people.
             num_worlds: N.
-            person: one fixed person instead.
+            person: one fixed person, instead of ``name_or_path``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
-            driven: whether their joints are driven from outside.
+            driven: whether the caller moves their joints.
             human_actions: whether they execute actions.
 
         Raises:
@@ -129,7 +130,7 @@ class WorldPeople:
         return self.person is None and any(self._pose(each).spreads_arm for each in self._populations)
 
     def place(self, exemplar: Any) -> None:
-        """Place their behaviour on the device of an array."""
+        """Create the behaviour models on the device of an array."""
         self._exemplar = exemplar
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
         self._behaviour = BehaviourModel(
@@ -152,7 +153,7 @@ class WorldPeople:
         )
 
     def reset(self, ids: IntArray, uniforms: FloatArray) -> People:
-        """Draw people for worlds ``ids`` (n,) from uniform numbers (n, ``NUM_UNIFORMS``), and return them."""
+        """Sample people for worlds ``ids`` (n,) from uniform random numbers (n, ``NUM_UNIFORMS``), and return them."""
         bounds = np.cumsum([distributions.NUM_UNIFORMS, impairments.NUM_UNIFORMS])
         for_bodies, for_impairments, for_behaviour = np.split(uniforms, bounds, axis=1)
         chosen = choose_index(for_behaviour[:, _POPULATION], len(self._populations))
@@ -175,7 +176,7 @@ class WorldPeople:
         for_impairments: FloatArray,
         for_behaviour: FloatArray,
     ) -> People:
-        """Draw people (n,) of a population."""
+        """Sample people (n,) of a population."""
         distribution = population.distribution
         if self.person is not None:
             people = distributions.repeat_person(self.person, len(for_bodies))
@@ -191,7 +192,7 @@ class WorldPeople:
         return population.distribution.pose_for_task(self._task.name, self._task.pose)
 
     def command(self, action: FloatArray) -> None:
-        """Move their joint targets by actions (N, K), see ``Episodes.command_people``."""
+        """Move the people's joint targets with actions (N, K), see ``Episodes.command_people``."""
         joints = cooperation.OFFERED_JOINTS[self._task.offered]
         self._behaviour.move_targets(joints, action, self._limit)
 
@@ -210,7 +211,7 @@ class WorldPeople:
         return reachable_rad(self._device_people, joint_angles_rad)
 
     def saved(self) -> dict[str, Any]:
-        """Returns everything that the next steps depend on."""
+        """Returns the whole state on which the next steps depend."""
         return {
             "people": self.people,
             "behaviour": self._behaviour.saved(),
@@ -228,5 +229,5 @@ class WorldPeople:
 
 
 def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns joint angles (N, 20), limited to those that these people can reach."""
+    """Limit joint angles (N, 20) to the ranges and shoulder limits of these people."""
     return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))

@@ -34,4 +34,4 @@ FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }
-"""Each function adds its bodies to a scene. The second argument adds visual geoms."""
+"""Functions by furniture name. Each adds its bodies to a scene; the second argument adds visual geoms."""

@@ -47,7 +47,7 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return self.mattress_height_m - MATTRESS_TOP_M
 
     def head_rise_m(self, posture: Posture, torso_height_m: float) -> float:
-        """Height of a resting head here above that on the virtual seat or mattress."""
+        """Difference in height between a resting head on the real and on the virtual seat or mattress."""
         real, virtual = (sin(radians(deg)) for deg in (self.back_deg(posture), 90.0 + posture.hips_deg))
         return self.rise_m(posture) + torso_height_m * (real - virtual)
 

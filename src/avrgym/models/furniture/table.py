@@ -15,7 +15,7 @@ BOWL_START_M = (-0.15, -0.55, TABLE_HEIGHT_M)
 
 
 def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """A table in front of the person's left, with a bowl whose body carries its place."""
+    """Add a table in front of the person on the left, with a bowl. Each episode moves the bowl's body."""
     centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
     table = spec.worldbody.add_body(name=TABLE_BODY)
     top = [*centre, TABLE_HEIGHT_M - 0.015]

@@ -1,8 +1,8 @@
 """The wheelchair, in the world's frame: the person sits at the origin and faces −y.
 
-Seat height 485 mm, armrests 760 mm, push handles 915 mm to the middle of the grip, seat 460 × 410 mm, as
-accessibility tables have adult manual wheelchairs; overall it is 658 mm wide (tables: 660 mm) and 1020 mm long (tables:
-1065 mm with footrests that reach further forward).
+Sizes follow accessibility tables of adult manual wheelchairs: seat height 485 mm, armrests 760 mm, push handles 915 mm
+to the middle of the grip, seat 460 × 410 mm. The wheelchair is 658 mm wide (tables: 660 mm) and 1020 mm long (tables:
+1065 mm with longer footrests).
 """
 
 from collections.abc import Collection
@@ -32,7 +32,7 @@ def add_wheelchair(
 ) -> None:
     """Add the wheelchair; the hips of a seated person rest on its cushion.
 
-    Armrests can be taken off: only those of the sides in ``armrests`` are there.
+    Armrests are removable: only the sides in ``armrests`` have one.
     """
     body = spec.worldbody.add_body(name=WHEELCHAIR_BODY)
     _add_wheelchair_collision(body, armrests)
@@ -125,13 +125,14 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 def add_bracket(
     spec: mujoco.MjSpec, appearance: bool, *, mount_m: tuple[float, float, float], shoulder_m: float
 ) -> None:
-    """A bracket on the wheelchair's right side that carries a robot's arm, and the space of its shoulder.
+    """Add a bracket on the wheelchair's right side that carries a robot's arm, and mark the space of the robot's
+    shoulder.
 
     Args:
         spec: a scene with a wheelchair.
         appearance: whether to add visual geoms.
-        mount_m: position of the robot's base on it.
-        shoulder_m: upper bound of the shoulder's position; people's arms do not enter this space.
+        mount_m: position of the robot's base.
+        shoulder_m: upper bound of the shoulder's position; people's initial poses avoid this space.
     """
     x, y, z = mount_m
     body = spec.body(WHEELCHAIR_BODY)

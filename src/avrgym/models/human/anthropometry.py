@@ -1,4 +1,4 @@
-"""Anthropometry: lengths, radii and masses of a man and a woman, and how they scale.
+"""Anthropometry: lengths, radii and masses of a man and a woman, and their scaling.
 
 The 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure of Man and Woman*, 2002).
 """

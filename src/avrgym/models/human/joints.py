@@ -81,7 +81,7 @@ def joint_angles(**degrees: float) -> FloatArray:
     pose = {"right_elbow_x": -90.0, "left_elbow_x": -90.0} | degrees
     unknown = sorted(set(pose) - set(JOINTS))
     if unknown:
-        raise ValueError(f"unknown joint {unknown[0]!r}; the driven joints are {', '.join(JOINTS)}")
+        raise ValueError(f"unknown joint {unknown[0]!r}; allowed: {', '.join(JOINTS)}")
     return np.radians([pose.get(name, 0.0) for name in JOINTS])
 
 

@@ -69,7 +69,7 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float
 
 
 SERVO_FREQUENCY_RAD_S = 40.0
-"""Bandwidth of the position servos: about 2 / 40 s = 50 ms of lag behind the headset."""
+"""Bandwidth of the position servos. The lag behind the headset is about 2 / 40 s = 50 ms."""
 
 
 def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
@@ -93,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def use_speed_targets(spec: mujoco.MjSpec) -> None:
-    """Make the servos of a moving person take the speeds of their targets in rad/s."""
+    """Let the servos of a moving person accept the speeds of their targets in rad/s as inputs."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

@@ -46,9 +46,9 @@ class Person:
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:
-            raise ValueError(f"unknown sex {self.sex!r}; the models are {' and '.join(SEXES)}")
+            raise ValueError(f"unknown sex {self.sex!r}; allowed: {', '.join(SEXES)}")
         if self.skin_tone not in SKIN_TONES:
-            raise ValueError(f"unknown skin tone {self.skin_tone!r}; there are {', '.join(SKIN_TONES)}")
+            raise ValueError(f"unknown skin tone {self.skin_tone!r}; allowed: {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
         check_arm_scale(self.arm_scale)
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
@@ -58,7 +58,7 @@ class Person:
 
 
 def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
-    """A person, or one from plain field values as in JSON.
+    """Convert a mapping of plain field values, as in JSON, to a person. A ``Person`` is returned unchanged.
 
     Raises:
         ValueError: for an unknown field or a value out of range.
@@ -86,7 +86,7 @@ def check_torso_height(torso_height_m: float) -> None:
     """Raise ``ValueError`` for a torso height out of range."""
     low, high = TORSO_HEIGHT_RANGE_M
     if not low <= torso_height_m <= high:
-        raise ValueError(f"torso height {torso_height_m:.3f} m is outside {low:.2f} to {high:.2f} m")
+        raise ValueError(f"the torso height is {torso_height_m:.3f} m; allowed: {low:.2f} to {high:.2f} m")
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class People:
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
-        """From single persons."""
+        """Create people from single persons."""
         persons = list(persons)
         people = cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),
@@ -132,7 +132,7 @@ class People:
         return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)
 
     def person(self, index: int) -> Person:
-        """One of these people."""
+        """Returns the person with this index."""
         sex = SEXES[int(self.is_woman[index])]
         return Person(
             sex,

@@ -1,1 +1,1 @@
-"""The zoo of partners: behaviour styles, each with several amplitudes, delays and tempos."""
+"""The zoo: partner populations with behaviour styles, each with several amplitudes, delays and tempos."""

@@ -1,6 +1,6 @@
-"""Behaviour model of zoo partners: joint targets from what they observe, with human speeds and accelerations.
+"""Behaviour model of zoo partners: joint targets as a function of their observations, with human speeds.
 
-Posture follows the desired angles with bounded speed and acceleration. Sway, chewing and tremor are added. Servos
+Posture follows the desired angles with limited speed and acceleration. Sway, chewing and tremor are added. Servos
 interpolate between the targets of control steps, see ``Simulation.command_person``.
 
 Limits of unhurried people:
@@ -43,13 +43,13 @@ JointLimiter = Callable[[FloatArray], FloatArray]
 """Clips joint angles (N, 20) to the ranges of these people."""
 
 REMEMBERED_STEPS = 11
-"""Stored tool positions: the present one and those of one second."""
+"""Number of stored tool positions: the present one and those of the last second."""
 SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
 ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
 STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
-"""Speed and acceleration of startled people, relative to the usual."""
+"""Factors of speed and acceleration while people are startled."""
 STARTLE_INTERVAL_S = 3.0
-"""Least time between two startles."""
+"""Minimum time between two startles."""
 NEVER_S = 1e6
 ONSET_S = 1.0
 """Time until sway, chewing and tremor reach their full amplitude."""
@@ -67,13 +67,13 @@ class PartnerState:
 
     Attributes:
         partner: rows of ``PARTNER_PARAMETERS`` (N,).
-        uniforms: individual numbers in 0..1 (N, 4).
+        uniforms: individual random numbers in 0..1 (N, 4).
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
         targets_rad: joint targets without sway, chewing and tremor (N, 20).
         speed_rad_s: speeds of the targets (N, 20).
         time_s: time since the start (N,).
-        near_s: time since the tool came near, 0 if it is not near (N,).
+        near_s: time since the tool came near; 0 if it is not near (N,).
         since_startle_s: time since the latest startle (N,).
         startle_count: number of startles (N,).
     """
@@ -101,7 +101,7 @@ class _ToolPercept(NamedTuple):
 
 
 def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> PartnerState:
-    """Initial state of partners (n,) in these bodies. ``uniforms`` (n, 4) vary partners with the same parameters."""
+    """Initial state of partners (n,) with these bodies. ``uniforms`` (n, 4) vary partners with equal parameters."""
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
@@ -127,7 +127,7 @@ def step(
     posture: Posture,
     limit_joints: JointLimiter,
 ) -> PartnerState:
-    """Observe the tool and move the joint targets by one control step. ``limit_joints`` clips them to the joint
+    """Observe the tool and advance the joint targets by one control step. ``limit_joints`` clips them to the joint
     ranges."""
     parameters = PARTNER_PARAMETERS.of(state.partner, state.time_s)
     history = namespace(state.tool_history_w).concat(
@@ -248,7 +248,7 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
 def _approach(
     desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedPart
 ) -> None:
-    """Lean to a near tool or lift the arm. Hesitant people pause half-way."""
+    """Lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
     halves = xp.floor(state.near_s / xp.where(hesitates, parameters.pause_s, 1.0))
@@ -268,7 +268,7 @@ def _withdraw(
     percept: _ToolPercept,
     offered: OfferedPart,
 ) -> None:
-    """Bend to the other side and turn the face away, or draw the forearm in."""
+    """Bend to the other side and turn the face away, or withdraw the forearm."""
     is_startled = (state.startle_count > 0.0) & (state.since_startle_s <= parameters.startle_s)
     extent_deg = parameters.away_deg * (state.near_s > 0.0)
     startle_deg = parameters.startle_deg * 0.5 ** (state.startle_count - 1.0)
@@ -283,20 +283,20 @@ def _withdraw(
 
 
 def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
-    """Number of completed periods (N,) and the share of the current one (N,)."""
+    """Number of completed periods (N,), and the elapsed share of the current period (N,)."""
     rounds = state.time_s / every_s + state.num_uniforms[:, of]
     count = namespace(rounds).floor(rounds)
     return count, rounds - count
 
 
 def _uniform(first: FloatArray, count: FloatArray) -> FloatArray:
-    """Pseudo-random numbers (N,) in 0..1, one for each count."""
+    """Pseudo-random numbers (N,) in 0..1, one for each event number."""
     value = first + GOLDEN_RATIO_FRACTION * count
     return value - namespace(value).floor(value)
 
 
 def _track(state: PartnerState, parameters: BehaviourParameters, desired: FloatArray) -> PartnerState:
-    """Move the targets towards the desired angles, with speeds that can still brake in time."""
+    """Move the targets towards the desired angles, at speeds from which they can still stop there."""
     xp = namespace(desired)
     startled = (state.since_startle_s <= parameters.startle_s)[:, None]
     pace = parameters.speed_share[:, None]

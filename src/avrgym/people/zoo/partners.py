@@ -1,7 +1,7 @@
 """Partners of the zoo: each style at every combination of levels of its axes.
 
 A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``, the held-out population
-``zoo/unseen``. On every axis the held-out values lie between the training values; none is in both.
+``zoo/unseen``. On every axis the held-out values are between the training values; no value is in both populations.
 """
 
 from collections.abc import Collection, Mapping
@@ -38,7 +38,7 @@ class BehaviourParameters:
         away_deg: extent of withdrawal while the tool is near.
         startle_deg, startle_m, startle_s: extent of a startle, the tool distance that triggers it, and its duration.
         glance_deg, wander_deg: occasional head turns to one side, and to a random side.
-        glance_every_s, glance_share: period of these turns, and their share of the period.
+        glance_every_s, glance_share: period of the head turns, and their share of the period.
         chew_deg, chew_hz: head motion with the jaw.
         shift_deg, shift_every_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
@@ -94,7 +94,7 @@ class Partner(NamedTuple):
 
 
 def _partners() -> tuple[Partner, ...]:
-    """All partners. Partners of the same zoo and style are adjacent."""
+    """Create all partners. Partners of the same zoo and style are adjacent."""
     return tuple(
         Partner(zoo, name, chosen)
         for zoo, levels in LEVELS.items()

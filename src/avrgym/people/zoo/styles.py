@@ -1,7 +1,7 @@
 """Behaviour styles of the zoo: description, parameter ranges and their sources.
 
-A style has up to three axes: delay, amplitude and tempo. Each axis moves some ``BehaviourParameters`` from a first to a
-last value. Parameters that a style does not list keep their defaults.
+A style has up to three axes: delay, amplitude and tempo. Each axis changes some ``BehaviourParameters`` from a first to
+a last value. All other parameters keep their defaults.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ SIMPLE_REACTION: Ranges = {"reaction_s": (0.2, 0.4)}
 APPROACH: Ranges = {"facing_share": (0.3, 0.7), "approach_share": (0.5, 1.1)}
 SWAY: Ranges = {"sway_deg": (0.3, 1.0)}
 SWAY_RATE: Ranges = {"sway_hz": (0.1, 0.3)}
-"""Up to the rate of quiet breathing."""
+"""Frequencies of sway in Hz, up to the rate of quiet breathing."""
 SLOW: Ranges = {"speed_share": (0.5, 0.9)}
 USUAL_SPEED: Ranges = {"speed_share": (0.82, 1.18)}
 
@@ -129,4 +129,4 @@ STYLES: Mapping[str, Style] = {
         tempo=SLOW | SWAY_RATE,
     ),
 }
-"""By name. Assistive Gym: Erickson et al., ICRA 2020."""
+"""Behaviour styles by name. "Assistive Gym" is Erickson et al., ICRA 2020."""

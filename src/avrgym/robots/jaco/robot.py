@@ -14,7 +14,7 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("kinova_description/meshes")
 SHOULDER_M = 0.33
-"""Largest height of the shoulder above its mount."""
+"""Maximum height of the shoulder above its mount."""
 ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)
 
 

@@ -1,1 +1,1 @@
-"""Willow Garage's PR2: two arms of seven joints on a base that drives."""
+"""Willow Garage's PR2: two arms of seven joints on a mobile base."""

@@ -96,7 +96,7 @@ PR2 = Robot(
     arms={side: _arm(side) for side in SIDES},
     mounts={
         "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), YAW_RANGE_RAD)),
-        # Farther up the raised backrest is in the arm's way.
+        # At a higher position the raised backrest blocks the arm.
         "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), YAW_RANGE_RAD)),
     },
     grips=GRIPS,

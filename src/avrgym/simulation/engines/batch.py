@@ -1,4 +1,4 @@
-"""MuJoCo's batch, made safe for processes that fork: threads do not exist in the forked process."""
+"""A batch of MuJoCo worlds that detects forks: threads do not survive in the forked process."""
 
 import ctypes
 import os
@@ -12,9 +12,9 @@ _LIVING: "WeakSet[ForkSafeBatch]" = WeakSet()
 
 
 class ForkSafeBatch(Batch):
-    """A batch that raises an error in a forked process, where it would wait for missing threads.
+    """A batch that raises an error in a forked process, instead of waiting for missing threads.
 
-    A batch of one thread works in both processes.
+    A batch with one thread works in both processes.
     """
 
     def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int = 0, persistent: bool = False) -> None:
@@ -45,14 +45,14 @@ class ForkSafeBatch(Batch):
     def _check_process(self) -> None:
         if self.nthread > 1 and os.getpid() != self._process:
             raise RuntimeError(
-                "these worlds were made before the process forked, and their threads are not in this process; "
-                "make the environment here, use copy.deepcopy(env), or start processes with "
+                "these worlds were created before the process forked, and their threads do not exist in this process; "
+                "create the environment here, use copy.deepcopy(env), or start processes with "
                 'multiprocessing.get_context("spawn")'
             )
 
 
 def _keep_forever() -> None:
-    """Keep batches of the parent process in a forked process: freeing them would wait for missing threads."""
+    """Prevent that a forked process frees its parent's batches, because it would wait for missing threads."""
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

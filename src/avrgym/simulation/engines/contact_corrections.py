@@ -1,13 +1,13 @@
 """Corrects contacts of MuJoCo Warp 4.0 that differ from MuJoCo's, before constraints are computed.
 
-The geom with the higher priority determines a contact's parameters in MuJoCo. Warp still mixes stiffness and damping of
-both geoms if either has them directly (``solref`` below zero): it takes the lower value of both. Each such contact,
-such as the washcloth's on skin, therefore gets those of the geom with the higher priority.
+In MuJoCo the geom with the higher priority determines a contact's parameters. Warp ignores the priority if a geom has
+explicit stiffness and damping (``solref`` below zero), and uses the lower value of both geoms. This module sets the
+parameters of the geom with the higher priority, for example of the washcloth on skin.
 
-MuJoCo's impedance changes from its first to its last value, even if that is lower: people become more compliant with
-depth, see ``models.compliance``. Warp clips the impedance as if the last value were the higher one; people's contacts
-then have the last value from the first touch on. Each contact with falling impedance therefore gets MuJoCo's impedance
-at its depth as a constant, with the corresponding stiffness and damping.
+In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower, so
+they become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were
+higher. People's contacts would then have the last value at any depth. This module therefore sets MuJoCo's impedance at
+the present depth as a constant, with the corresponding stiffness and damping.
 """
 
 # Warp has its own types, and is installed only with the extra ``gpu``.

@@ -44,10 +44,10 @@ class Engine(Protocol):
     """Steps N worlds of one model.
 
     Attributes:
-        name: its name in ``--engine``, without the device.
+        name: the engine's name in ``--engine``, without the device.
         device: the device that computes.
-        batch: the worlds on the host, where episodes start, with the model fields that differ between worlds.
-        now: the present arrays: those of ``batch``, copies on the host, or tensors on the device.
+        batch: the worlds on the host, which computes initial states, with the model fields that differ between worlds.
+        now: the present arrays: the arrays of ``batch``, copies on the host, or tensors on the device.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Engine(Protocol):
     now: Arrays
 
     def copy_from_host(self, ids: IntArray) -> None:
-        """Continue with models and states of worlds ``ids`` (n,) from ``batch``."""
+        """Copy models and states of worlds ``ids`` (n,) from ``batch``, and continue with them."""
         ...
 
     def copy_to_host(self, ids: IntArray) -> None:
@@ -64,18 +64,19 @@ class Engine(Protocol):
         ...
 
     def step(self, substeps: int) -> None:
-        """Advance all worlds by physics steps; forces are from the last step, positions and velocities from its end.
+        """Advance all worlds by physics steps. Forces are from the last step, positions and velocities from its end.
 
         Raises:
-            RuntimeError: as ``check`` does, unless ``now`` are tensors, where a check would wait for the device.
+            RuntimeError: see ``check``. If ``now`` are tensors, nothing is checked, because that would wait for the
+                device.
         """
         ...
 
     def check(self) -> None:
-        """Check the steps so far.
+        """Check all steps since the last check.
 
         Raises:
-            RuntimeError: if a world had more contacts or constraints than the engine has memory for.
+            RuntimeError: if the contacts or constraints of a world exceeded the engine's memory.
         """
         ...
 
@@ -89,12 +90,13 @@ def make_engine(
         engine: one of ``ENGINES``.
         model: the model of all worlds.
         num_worlds: N.
-        num_threads: threads of the host; 0 takes one per core.
-        on_device: whether ``now`` are PyTorch tensors on the engine's device, in single precision, without copies in a
-            step.
+        num_threads: threads of the host; 0: one per core.
+        on_device: whether ``now`` are PyTorch tensors on the engine's device, in single precision. A step then copies
+            nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, threads with a device, or more worlds than memory allows.
+        ValueError: for an unknown engine or device, for ``threads`` with a device, or for more worlds than memory
+            allows.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)
@@ -111,7 +113,7 @@ def make_engine(
 
 
 def check_engine(engine: str) -> None:
-    """Raises ``ValueError`` for an unknown engine, with the allowed ones."""
+    """Raises ``ValueError`` for an unknown engine. The message lists the allowed engines."""
     name, colon, device = engine.partition(":")
     if engine != THREADS and (name != WARP or bool(colon) != bool(device)):
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
@@ -132,10 +134,10 @@ def check_ready(engine: str) -> None:
 
 
 def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, where: str) -> None:
-    """Raises ``ValueError`` for more worlds than memory allows, with the allowed number."""
+    """Raises ``ValueError`` for more worlds than memory allows. The message contains the allowed number."""
     if free_bytes is not None and num_worlds * bytes_per_world > free_bytes:
         raise ValueError(
-            f"{num_worlds} worlds take {num_worlds * bytes_per_world / 2**30:.1f} GiB of memory on {where}; "
+            f"{num_worlds} worlds need {num_worlds * bytes_per_world / 2**30:.1f} GiB of memory on {where}; "
             f"allowed: up to {free_bytes // bytes_per_world}"
         )
 

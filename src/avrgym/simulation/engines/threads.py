@@ -1,4 +1,4 @@
-"""MuJoCo on threads of the host, with the same bits on any number of threads."""
+"""MuJoCo on threads of the host. Results are bit-identical with any number of threads."""
 
 import mujoco
 from mujoco.batch import Batch
@@ -15,7 +15,7 @@ class Threads:
     name, device = THREADS, "cpu"
 
     def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
-        """Make the worlds; with 0 threads, one per core."""
+        """Create the worlds. 0 threads: one per core."""
         check_host_memory(num_worlds, model)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.now = Arrays.of(self.batch)

@@ -1,8 +1,8 @@
-"""MuJoCo Warp: the worlds of a batch stepped on a GPU, in single precision. Needs the extra ``gpu``.
+"""MuJoCo Warp: steps the worlds of a batch on a GPU, in single precision. Needs the extra ``gpu``.
 
-Episodes start on the host, in double precision; ``copy_from_host`` copies worlds and their model fields to the device.
-Code on the device reads and writes Warp's own memory as tensors. Warp compiles its kernels at the first step of a scene
-and caches them on disk.
+The host computes initial states, in double precision. ``copy_from_host`` copies worlds and their model fields to the
+device. Code on the device reads and writes Warp's memory as tensors, without copies. Warp compiles its kernels at the
+first step of a scene and caches them on disk.
 """
 
 from copy import copy
@@ -29,13 +29,13 @@ from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
 
 CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
-"""Memory for contacts in a world, and in addition for each particle: twice the most that was measured in drinking."""
+"""Memory for contacts in a world, and additional memory per particle: twice the maximum measured in drinking."""
 ROWS_PER_CONTACT = 4
-"""Sides of the pyramid that approximates a contact's friction cone."""
+"""Number of sides of the pyramid that approximates a contact's friction cone."""
 SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
-"""Overflows that Warp counts although they are none: the solver stopped at its limit, as it does on threads."""
+"""Overflow flags without an overflow: the solver reached its maximum number of iterations, as on threads."""
 
 
 class _Libraries(NamedTuple):
@@ -60,14 +60,14 @@ def libraries() -> _Libraries:
 
 
 class Warp:
-    """An ``Engine`` with ``now`` as tensors of Warp's memory, or as copies on the host that each step updates."""
+    """An ``Engine`` on a GPU. ``now`` are tensors of Warp's memory, or copies on the host that each step updates."""
 
     name = WARP
 
     def __init__(
         self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str, *, on_device: bool
     ) -> None:
-        """Create the worlds on a device, given by its Warp name; by default on the first GPU.
+        """Create the worlds on the device with this Warp name; default: the first GPU.
 
         Raises:
             ValueError: for an unknown device, or more worlds than memory allows.
@@ -93,10 +93,10 @@ class Warp:
         self._graphs: dict[int, Any] = {}
 
     def copy_from_host(self, ids: IntArray) -> None:
-        """See ``Engine``.
+        """See ``Engine.copy_from_host``.
 
         Raises:
-            RuntimeError: as ``check`` does, for the episodes that end here.
+            RuntimeError: if a buffer overflowed in the episodes that end here, see ``check``.
         """
         if self._model is None:
             self._make_model()
@@ -114,7 +114,7 @@ class Warp:
                 getattr(self.now, name)[ids] = values
 
     def copy_to_host(self, ids: IntArray) -> None:
-        """See ``Engine``; quantities derived from positions and velocities are computed again."""
+        """See ``Engine.copy_to_host``. Computes quantities that are derived from positions and velocities."""
         for name in WRITABLE_NAMES:
             getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
         self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
@@ -133,9 +133,9 @@ class Warp:
         self.check()
 
     def _run(self, substeps: int) -> None:
-        """Step; on a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
+        """Run physics steps. On a GPU the first call is captured as a CUDA graph, which later calls replay.
 
-        The addresses of the memory that they read never change.
+        This requires that memory addresses never change.
         """
         if not self._device.is_cuda:
             self._launch(substeps)
@@ -184,7 +184,7 @@ class Warp:
             )
 
     def check(self) -> None:
-        """See ``Engine``. Warp records on the device which buffers overflowed."""
+        """See ``Engine.check``. Reads the overflow flags of all worlds from the device."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS_OVERFLOWS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
@@ -192,7 +192,7 @@ class Warp:
         if told:
             self._data.overflow.zero_()
             raise RuntimeError(
-                f"buffers of the engine warp overflowed: {told} of {len(flags)} worlds; each has room for "
+                f"buffers of the engine warp overflowed: {told} of {len(flags)} worlds; each has memory for "
                 f"{self._capacity.contacts} contacts and {self._capacity.rows} rows of constraints"
             )
 
@@ -210,7 +210,7 @@ class Warp:
         return str(self._warp.device_to_torch(self._device))
 
     def _tensor(self, name: str) -> Any:
-        """An array (N, ...) of the data as a tensor of the same memory."""
+        """An array (N, ...) of the data as a tensor that shares its memory."""
         return self._warp.to_torch(getattr(self._data, name))
 
     def _put(self, tensor: Any, rows: Any, values: NumpyArray) -> None:
@@ -220,12 +220,12 @@ class Warp:
 
 
 def _has_worlds(field: Field[Any]) -> bool:
-    """Whether a field may differ between worlds in both models; other fields do not matter in our steps."""
+    """Whether a field may differ between worlds in both models. The steps use no other such field."""
     return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 
 class Capacity(NamedTuple):
-    """Memory of each world: for contacts on average, and for rows of constraints at most."""
+    """Memory of each world: mean number of contacts, and maximum number of constraint rows."""
 
     contacts: int
     rows: int
@@ -247,17 +247,17 @@ def _first_gpu(torch: Any) -> str:
     """
     if not torch.cuda.is_available():
         raise ValueError(
-            "the engine warp needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it on the processor, "
-            "which is far slower than threads"
+            "the engine warp needs a CUDA device, and PyTorch finds none; "
+            "`warp:cpu` uses the CPU, but is much slower than threads"
         )
     return "cuda:0"
 
 
 def find_device(name: str) -> Any:
-    """Returns the device with this Warp name, or the first GPU without a name.
+    """Returns the device with this Warp name; without a name the first GPU.
 
     Raises:
-        ValueError: for an unknown device, with the available ones.
+        ValueError: for an unknown device. The message lists the available devices.
         RuntimeError: if the extra is not installed.
     """
     warp, _, torch = libraries()

@@ -23,9 +23,9 @@ SWEEPS = (
     (FOREARM, np.radians(125.0), 1.0, 0.0),
     (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
-"""Limb, angle around it from its top outwards, and first and last position along it (0 at the shoulder's end)."""
+"""Limb, angle around it (from its top outwards), and first and last position along it (0 at the shoulder's end)."""
 MIN_SWEEPS = 4
-"""Number of sweeps in any case. The others are made only while too little is wiped."""
+"""Minimum number of sweeps. The other sweeps are made only while too few markers are wiped."""
 APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
 
 END_MARGIN_M = 0.065
@@ -43,7 +43,7 @@ MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 class BedBathingExpert:
     """Makes sweep after sweep: approach, touch, wipe, lift. Skips the rest of a sweep if the arm gets stuck.
 
-    It presses by a target below the skin, which is deeper while the force is low.
+    A target below the skin produces the contact force. While the force is low, the target moves deeper.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
@@ -72,7 +72,7 @@ class BedBathingExpert:
         self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
-        """Next phase on arrival or when wiping is stuck; next sweep after lifting."""
+        """Begin the next phase on arrival or if wiping is stuck. After lifting, begin the next sweep."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
         arrived = np.where(self._phase == TOUCH, state.tool_force_n > CONTACT_FORCE_N, arrived)
@@ -86,7 +86,7 @@ class BedBathingExpert:
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
-        """Worlds without progress for too long (N,)."""
+        """Boolean mask (N,): worlds without progress for too long."""
         nearer = left_m < self._left_m - MIN_PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
@@ -116,7 +116,7 @@ def cloth_pose(
 
 
 class LimbFrame(NamedTuple):
-    """Start of limbs, directions along, up and outwards, (N, 3) each; length and radius (N,)."""
+    """Frames of N limbs: start, and directions along, up and outwards, (N, 3) each; length and radius (N,)."""
 
     start_w: FloatArray
     along_w: FloatArray

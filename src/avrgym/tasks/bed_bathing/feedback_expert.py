@@ -1,6 +1,6 @@
-"""Feedback expert for bed bathing: wipes down on top of the arm and back on its outer side.
+"""Feedback expert for bed bathing: wipes towards the hand on top of the arm, and back on its outer side.
 
-The angle around the arm determines the direction, so that no memory is needed. Positions along the arm are: 0 to 1 on
+The angle around the arm determines the direction, so the expert needs no memory. Positions along the arm are: 0 to 1 on
 the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
 """
 
@@ -26,9 +26,10 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
-"""Angles around the arm of the way down and the way back, from its top outwards."""
+"""Angles around the arm, from its top outwards, of the motion towards the hand and of the motion back."""
 BORDER_RAD, ELBOW_BORDER_RAD, BORDER_WIDTH_RAD = np.radians(43.0), np.radians(22.0), 0.1
-"""Border between the two, the border at the elbow, where the cloth is tilted, and width of the transition."""
+"""Angle that separates both directions, the same at the elbow (where the cloth is tilted), and width of the
+transition."""
 TURN_BACK_POSITION, TURN_BACK_WIDTH = 2.9, 0.08
 """Position along the arm at which the cloth turns back, and width of the transition."""
 LOOKAHEAD, MAX_LOOKAHEAD_RAD = 0.3, 0.8
@@ -38,7 +39,7 @@ APPROACH_HEIGHT_M, APPROACH_END_HEIGHT_M = 0.045, 0.02
 LIFT_M, MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE = 0.03, 0.01, 0.05
 """Height across the elbow, height below which the cloth advances, and lowest share of its speed."""
 DEPTH_GAIN_M_N, MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M, NO_CONTACT_STEP_M = 0.0003, -0.002, 0.001, 0.006
-"""Depth gain per newton, its limits, and the depth step without contact."""
+"""Gain of the depth step per newton, limits of the step, and depth step without contact."""
 HEIGHT_RANGE_M = (-0.03, 0.01)
 
 
@@ -80,7 +81,7 @@ def _gradual(offset: FloatArray) -> FloatArray:
 
 
 def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position of the cloths along the arm, angle around it from its top outwards, and height above the skin, (N,)
+    """Position of the cloths along the arm, angle around it (from its top outwards), and height above the skin, (N,)
     each."""
     worlds = len(state.tool_pos_w)
     upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))

@@ -1,8 +1,9 @@
 """Reward of bed bathing: markers wiped off the right arm, and the preferences of the person.
 
 Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within 2.5
-cm of it. MuJoCo reports the contact of a flat pad with a round limb by the ends of the contact line. The touched points
-are therefore the segment between the first and the last contact along the limb, of those within 2.5 cm of its surface.
+cm of it. For a flat pad on a round limb, MuJoCo reports only the ends of the contact line. The touched points are
+therefore the segment between the first and the last contact along the limb. Only contacts within 2.5 cm of the limb's
+surface count.
 """
 
 from collections.abc import Mapping
@@ -24,7 +25,7 @@ from avrgym.tasks.task import StepResult
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
 MIN_RIM_COSINE = 0.26
-"""Cosine of 75°: largest angle between the face's normal and a contact normal at its rim."""
+"""Cosine of 75°, the maximum angle between the face's normal and a contact normal at its rim."""
 SUCCESS_SHARE = 0.30
 
 WEIGHTS: Mapping[str, float] = {
@@ -66,11 +67,11 @@ def _max_rings() -> int:
 MAX_RINGS = _max_rings()
 MARKERS_PER_RING = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
 MARKERS = MAX_RINGS * MARKERS_PER_RING
-"""Upper arms are longer and thicker than forearms."""
+"""Number of marker slots of a limb. Upper arms need most, because they are longer and thicker than forearms."""
 
 
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
-    """All markers, none wiped: rings 3 cm apart with markers 3 cm apart."""
+    """Create the markers: rings 3 cm apart with markers 3 cm apart, none wiped."""
     xp = namespace(uniforms)
     size = human.layout_of(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
@@ -89,10 +90,10 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState) -> StepResult:
-    """Only the cloth's face wipes.
+    """Evaluate a step: wipe markers under the cloth's face, and compute the reward terms.
 
-    The force at the target is that of the cloth's contacts within 2.5 cm of upper arm or forearm. All other contact
-    forces are elsewhere.
+    The force at the target is the sum over the cloth's contacts within 2.5 cm of upper arm or forearm. All other
+    contact forces count as force elsewhere.
     """
     xp = namespace(state.tool_pos_w)
     contact_pos, near = _contacts_of_limbs(state)
@@ -115,7 +116,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
 
 
 def is_wiped(task_state: BedBathingState) -> BoolArray:
-    """Whether enough markers are wiped (N,)."""
+    """Boolean mask (N,): worlds in which enough markers are wiped."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
@@ -131,7 +132,7 @@ def cloth_distance(state: State) -> FloatArray:
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
-    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and which are within 2.5 cm of the limb."""
+    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and a mask of those within 2.5 cm of the limb."""
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]
@@ -154,10 +155,10 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
 
 def _on_face(state: State) -> BoolArray:
-    """Which cloth contacts (N, C) are on the face or its rim, not on a side or the back.
+    """Boolean mask (N, C): cloth contacts on the face or its rim, not on a side or the back.
 
-    They are in the front half of the pad, and their normals differ by less than 75° from the face's normal (90° at a
-    side).
+    These contacts are in the front half of the pad. Their normals differ by less than 75° from the face's normal (at a
+    side: 90°).
     """
     to_pad = transforms.conjugate(state.pad_q_w)[:, None]
     place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])
@@ -166,7 +167,7 @@ def _on_face(state: State) -> BoolArray:
 
 
 def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:
-    """Which markers (N, 2, M) are within 2.5 cm of the touched segment of their limb."""
+    """Boolean mask (N, 2, M): markers within 2.5 cm of the touched segment of their limb."""
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
@@ -180,7 +181,7 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
 
 
 def _ends(pos: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """First and last contact along the limb, (n, 3) each, of those near the limb (n, C, 3)."""
+    """First and last contact along the limb, (n, 3) each, of the contacts (n, C, 3) near the limb."""
     xp, row, along = namespace(pos), row_indices(pos), -pos[..., 2]
     first = xp.where(near, along, np.inf).argmin(axis=-1)
     last = xp.where(near, along, -np.inf).argmax(axis=-1)

@@ -43,12 +43,13 @@ reference's pose the fingers of short people would overlap the thigh."""
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """Hospital bed; the left arm holds the washcloth."""
+    """The scene: a hospital bed; the robot's left arm holds the washcloth."""
     return placement.bed_scene(robot, "left", WASHCLOTH)
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand to the right of and above the person's right arm. The base reaches shoulder, elbow and wrist."""
+    """Initial states: the hand is above the person's right arm and to its right. The base reaches shoulder, elbow and
+    wrist."""
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
@@ -57,7 +58,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Cloth and both arms."""
+    """The observation: pose of the cloth, joints of the robot's arm, positions of the person's arm."""
     return Observation(
         (
             seen.TOOL_FROM_TORSO,

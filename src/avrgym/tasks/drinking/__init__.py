@@ -1,1 +1,1 @@
-"""Drinking: bring a cup to the person's mouth and tilt it until they have drunk (paper, section IV)."""
+"""Drinking: bring a cup to the person's mouth and tilt it until the person has drunk (paper, section IV)."""

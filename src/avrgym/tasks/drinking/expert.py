@@ -1,4 +1,4 @@
-"""Planning expert for drinking: carry the cup to the mouth, its rim to the lips, then tilt it about the rim."""
+"""Planning expert for drinking: bring the cup's rim to the lips, then tilt the cup about the rim."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 APPROACH_ROLLS_DEG = (0.0, -22.5, -45.0)
-"""Candidate approaches: yaw relative to the face, and turn about the cup's axis (which lowers the hand)."""
+"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis (which lowers the hand)."""
 DISTANCE_COST_S_PER_M = 200.0
 """Cost of the distance between rim and mouth."""
 
@@ -25,10 +25,9 @@ CARRY_SPEED_M_S, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
-"""The pouring edge is this far in front of and above the middle of the mouth, because slow water falls back."""
+"""Offset of the pouring edge in front of the middle of the mouth and above it, because slow water flows backwards."""
 CARRY_TILT_RAD, POUR_START_TILT_RAD, EMPTY_TILT_RAD = np.radians([45.0, 70.0, 92.0])
-"""Tilts: at the first the cup approaches, with the fingers below the chin; up to the second no water pours; at the
-third none is left."""
+"""Tilts: of the approach, with the fingers below the chin; below which no water pours; at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_TILT_RAD), 5)
 """Tilts at which an approach is checked."""
@@ -39,7 +38,7 @@ _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 @dataclass(frozen=True)
 class Approach:
-    """Approach of the cup for N people: yaw relative to the face (N,) and turn about its axis (N,)."""
+    """Approach of the cup for N people: yaw relative to the face (N,) and rotation about the cup's axis (N,)."""
 
     yaw_rad: FloatArray
     roll_rad: FloatArray
@@ -72,7 +71,7 @@ class DrinkingExpert:
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
-        """Choose an approach that is fast and brings the rim near to the mouth. Also returns its first joint angles (N,
+        """Choose an approach that is fast and brings the rim near the mouth. Returns it with its first joint angles (N,
         J)."""
         worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in APPROACH_YAWS_DEG for roll in APPROACH_ROLLS_DEG])
@@ -127,7 +126,7 @@ def yaw_q_w(state: State, approach: Approach) -> FloatArray:
 def at_mouth(
     state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = CUP_SHAPE
 ) -> tuple[FloatArray, FloatArray]:
-    """Cup pose, (N, 3) and (N, 4), at a tilt, with its pouring edge as near to the lips as the head allows."""
+    """Cup pose, (N, 3) and (N, 4), at a tilt: the pouring edge is as near to the lips as possible without contact."""
     yaw = yaw_q_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, approach.roll_rad)

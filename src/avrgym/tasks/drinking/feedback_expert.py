@@ -12,8 +12,8 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TILT_DISTANCE_M = 0.015
-"""Distance to the lips within which the cup is tilted further. It allows for motion of the person and lag of the
-arm."""
+"""Maximum distance to the lips at which the cup is tilted further, with a margin for the person's motion and the arm's
+lag."""
 TILT_SPEED_RAD_S = 0.12
 """Tilt rate while pouring."""
 

@@ -1,13 +1,13 @@
 """Memory-based expert for drinking. Recurrent policies imitate it.
 
-- Near the lips the cup moves slowly, because a person who faces the cup moves the mouth with it. It retreats faster
-  when the person leans forward.
-- It pours only into a mouth at rest, and stops when the mouth moves. The less water is left, the larger the tilt before
-  it pours; up to this tilt it tilts quickly, so that short rests suffice.
-- While the person looks away, the cup waits where the face is expected to return, unless the face was turned there from
-  the start.
-- The cup stays on its side of the head. It is turned about its axis to pour over the part of the rim at the lips.
-- It always approaches slightly turned: the hand is then lower, where the arm reaches farther.
+- Near the lips the cup moves slowly, because the face of the person follows the cup. When the person leans forward, it
+  retreats faster.
+- The cup pours only into a mouth at rest, and stops when the mouth moves. With less water in the cup, pouring begins at
+  a larger tilt. Up to this tilt the cup tilts quickly, so short rests are enough.
+- While the person looks away, the cup waits where the face is expected to return. If the face looked there from the
+  start, the cup does not wait.
+- The cup stays on its side of the head. It rotates about its axis to pour over the part of the rim at the lips.
+- The cup always approaches slightly rotated: the hand is then lower, where the arm reaches farther.
 """
 
 from dataclasses import replace
@@ -35,34 +35,34 @@ from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 
 MIN_SPEED_M_S, RETREAT_SPEED_M_S = 0.02, 0.10
-"""Least speed of a cup that approaches the lips, and of one that retreats from them."""
+"""Minimum speeds of a cup that approaches the lips, and of a cup that retreats from the lips."""
 POUR_START_DISTANCE_M, POUR_STOP_DISTANCE_M = 0.03, 0.05
-"""Distances to the lips within which pouring starts, and beyond which it stops."""
+"""Distances to the lips below which pouring starts, and above which it stops."""
 REST_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
 POUR_TILT_RAD, TILT_PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 """Tilt at which the last water reaches the rim, and reduction for each particle in the cup. Measured at 0.1 rad/s,
 within one degree at any filling."""
 SPILL_MARGIN_RAD = float(np.radians(4.0))
-"""Margin below that tilt at which motion spills nothing."""
+"""Margin below the pouring tilt at which a moving cup spills nothing."""
 TILT_GAIN_PER_S, POUR_SPEED_RAD_S = 3.0, 0.03
-"""Gain of the approach to that tilt, and tilt rate while pouring."""
+"""Gain of the approach to the pouring tilt, and tilt rate while pouring."""
 LOOK_AWAY_RAD, FAR_LOOK_AWAY_RAD, EXPECTED_FACE_RAD = np.radians([25.0, 33.0, 8.0])
-"""Face angles: the face looks away beyond the first. As it turns to the second, the expected angle falls from the first
-to the third."""
+"""Angles of the face: beyond the first it looks away. Between the first and the second, the expected angle decreases
+from the first to the third."""
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
-"""A face that has turned by less since the start does not look away."""
+"""Minimum rotation since the start of a face that looks away."""
 MAX_PENETRATION_M = 0.001
 """Penetration beyond which the cup retreats."""
 WAITING_STANDOFF_M = 0.01
 """Additional standoff of a waiting cup."""
 LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M = 0.025, 0.042
-"""Lateral offset of the cup's reference point from its pouring point: default and maximum. The offset comes from a turn
-about the cup's axis and helps arms on the right to reach the mouth."""
+"""Lateral offset of the cup's reference point from its pouring point: default and maximum. A rotation about the cup's
+axis causes the offset and helps arms on the right to reach the mouth."""
 MIN_MIDPLANE_DISTANCE_M, MAX_LIP_OFFSET_M = 0.01, 0.04
-"""Least distance of the cup from the head's mid-plane on its side, and largest lateral offset from the lips for it."""
+"""Minimum distance of the cup from the head's mid-plane, and maximum lateral offset from the lips to achieve it."""
 TURN_COMPENSATION = 0.7
-"""Share of the lateral offset that is compensated by turning the cup."""
+"""Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
 """Angle to the left of a face that looks at the cup."""
 
@@ -121,7 +121,7 @@ class MemoryExpert:
 
 
 def _way(left_m: FloatArray, cup: CupShape = CUP_SHAPE) -> Approach:
-    """Approach of cups with the reference point a distance (N,) to the left of the pouring point."""
+    """Approach of cups whose reference point is a distance (N,) to the left of the pouring point."""
     return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 
 
@@ -152,7 +152,7 @@ def _to_the_left(state: State) -> FloatArray:
 
 
 def _turn_rad(state: State) -> FloatArray:
-    """Angle (N,) of faces to the left of those that look at the cup."""
+    """Angle (N,) of faces, to the left of the direction in which a face looks at the cup."""
     into, left = face_direction(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
@@ -176,7 +176,7 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 
 
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
-    """Lateral offset (N,) from the lips with which cups stay on their side of the head.
+    """Lateral offset (N,) from the lips that keeps cups on their side of the head.
 
     Beyond ``MAX_LIP_OFFSET_M`` it decreases, to zero at 1.5 times that value.
     """

@@ -48,7 +48,7 @@ class DrinkingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.start)) -> DrinkingState:
-    """All water is in the cup; the tool carries ``particles``."""
+    """Initial state: all water is in the cup. The tool carries ``particles`` particles."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
@@ -57,7 +57,8 @@ def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.
 def evaluate_step(
     state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
 ) -> StepResult:
-    """Water outside the cup within 3 cm of the mouth is drunk. Water below both cup and mouth is spilled."""
+    """Evaluate a step: water outside the cup within 3 cm of the mouth is drunk, water below cup and mouth is
+    spilled."""
     check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state, cup))
     drinkable = outside & ~task_state.spilled
@@ -90,7 +91,7 @@ def evaluate_step(
 
 
 def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
-    """Which water (N, K) is inside the cup, below its rim."""
+    """Boolean mask (N, K): water particles inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
     beside = (pos[..., 0] - cup.axis_x_m) ** 2 + pos[..., 1] ** 2 > cup.rim_radius_m**2
@@ -98,7 +99,7 @@ def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
 
 
 def _fallen(state: State, cup: CupShape) -> BoolArray:
-    """Which water (N, K) is below all of the cup and the mouth."""
+    """Boolean mask (N, K): water particles below the lowest point of the cup and of the mouth."""
     middle = (
         transforms.rotate(state.tool_q_w, [cup.axis_x_m, 0.0, -0.5 * cup.height_m])[:, 2]
         + state.tool_pos_w[:, 2]

@@ -27,16 +27,16 @@ from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
 CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
-"""Upright, the pouring edge towards the person."""
+"""Initial rotation of the cup: upright, the pouring edge towards the person."""
 
 
 def scene(robot: Robot, tool: Tool) -> SceneConfig:
-    """Wheelchair; the right arm holds the cup."""
+    """The scene: a wheelchair; the robot's right arm holds the cup."""
     return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand within ±5 cm of a point in front of the person, cup upright."""
+    """Initial states: the hand is within ±5 cm of a point in front of the person, the cup upright."""
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)

@@ -15,17 +15,18 @@ ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 
 MAX_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.8
 SPEED_GAIN_PER_S = 2.0
-"""Approach speed for each metre of distance, 1/s."""
+"""Approach speed per metre of distance, 1/s."""
 STANDOFF_PER_OFFSET = 2.0
-"""Standoff from the goal for each metre of lateral offset."""
+"""Standoff from the goal per metre of lateral offset."""
 LIMIT_MARGIN_SHARE = 0.35
 """Share of a joint's range, at each end, that the preferred posture avoids."""
 
 
 class FeedbackPlanner(MotionPlanner):
-    """Continues from the measured joint positions, which a policy observes, instead of the servo targets.
+    """A motion planner that continues from the measured joint positions instead of the servo targets.
 
-    The preferred posture is the present one, moved away from the joint limits.
+    A policy observes only the measured positions. The preferred posture is the present posture, moved away from the
+    joint limits.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
@@ -63,12 +64,12 @@ class FeedbackExpert:
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
-    """Standoff (N,) from the goal along ``axis`` while the tool is more than ``free_m`` off the axis."""
+    """Standoff (N,) from the goal along ``axis``, for tools whose distance from the axis exceeds ``free_m``."""
     return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
 
 
 def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
-    """Standoff (N,) from the goal at a lateral offset (N,), beyond ``free_m``."""
+    """Standoff (N,) from the goal for lateral offsets (N,). It increases beyond ``free_m``, up to ``most_m``."""
     return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
 
 

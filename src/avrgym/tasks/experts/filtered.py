@@ -1,4 +1,4 @@
-"""Experts with a filtered observation of the person, so that the tool does not follow a tremor."""
+"""Experts with a filtered observation of the person: the tool does not follow a tremor."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
 def filtered(expert: Expert) -> Expert:
     """The same expert with the person's pose averaged over the present and the previous control step.
 
-    Tremor changes direction at every control step (``people.impairments``), so that the average removes it.
+    Tremor changes direction at every control step (``people.impairments``). The average therefore removes it.
     """
 
     def make(episodes: RunningEpisodes) -> Controller:

@@ -19,7 +19,7 @@ def face_direction(state: State) -> FloatArray:
 def clearance_way_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
-    """Distance (N,) that points (N, P, 3) must move along ``out`` (N, 3) for a clearance of (N,) metres from the
+    """Distance (N,) by which points (N, P, 3) must move along ``out`` (N, 3) to have ``clearance_m`` (N,) from the
     head."""
     radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]

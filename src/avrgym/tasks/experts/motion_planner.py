@@ -27,12 +27,12 @@ UP = (0.0, 0.0, 1.0)
 class MotionPlanner:
     """Plans the moving arms of N worlds from one control step to the next.
 
-    Plans continue from the servo targets, so that servo lag does not slow the tool down.
+    Plans continue from the servo targets. Servo lag therefore does not slow the tool down.
 
     Attributes:
         joint_positions: planned joint positions (N, J).
         pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
-        posture: preferred posture (N, J); first the initial positions. It fills the arm's null space.
+        posture: preferred posture (N, J), initially the start positions. It determines motion in the arm's null space.
         scene: the scene of all worlds.
     """
 
@@ -81,9 +81,9 @@ class MotionPlanner:
         return self.joint_positions_at(self.pos_w + step, q_w, self.joint_positions + pull)
 
     def joint_step(self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
-        """Joint positions (N, J) of the next pose on the way to a target (N, J); all joints move together.
+        """Joint positions (N, J) of the next step towards a target (N, J). All joints move in proportion.
 
-        The tool moves no faster than ``speed_m_s``, and its z axis stays within ``tilt_rad`` of the vertical.
+        The tool moves at up to ``speed_m_s``, and its z axis stays within ``tilt_rad`` of the vertical.
         """
         self._update()
         step = self._within_limits(target - self.joint_positions)
@@ -93,8 +93,8 @@ class MotionPlanner:
         return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to(self, joint_positions: FloatArray) -> FloatArray:
-        """Actions (N, J) that move the arms to joint positions (N, J) within the speed limits; all joints move
-        together.
+        """Actions (N, J) that move the arms to joint positions (N, J) within the speed limits. All joints move in
+        proportion.
         """
         self._update()
         step = self._within_limits(joint_positions - self.joint_positions)
@@ -104,14 +104,11 @@ class MotionPlanner:
     def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
     ) -> tuple[FloatArray, FloatArray]:
-        """Joint positions for K tool poses per world, (N, K, 3) and (N, K, 4), near the present ones and without
-        collision.
+        """Find joint positions for K tool poses per world, (N, K, 3) and (N, K, 4), near the present ones.
 
-        Returns:
-            Joint positions (N, K, J), and costs (N, K) in seconds: the duration of the motion, plus
+        Returns: Joint positions (N, K, J), and costs (N, K) in seconds. The cost is the duration of the motion, plus
             ``COLLISION_COST_S`` or more for a collision on the way (of the arm also at the end), plus
-            ``TILT_COST_S_RAD`` for each radian of excess tilt.
-            The cost is infinite if no solution was found.
+            ``TILT_COST_S_RAD`` per radian of excess tilt. It is infinite if no solution was found.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
@@ -165,11 +162,11 @@ class MotionPlanner:
         return transforms.compose(*self._base_w, *kinematics.forward(self._chain, joint_positions))
 
     def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
-        """Largest difference (N,) of a joint from joint positions (N, J), in the chain's units."""
+        """Largest difference (N,) between the present joint positions and others (N, J), in the chain's units."""
         return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
-        """Add whole turns to joint positions (N, M, J) to come as near to the present ones as the ranges allow."""
+        """Add multiples of 2π to joint positions (N, M, J): as near to the present positions as the ranges allow."""
         turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
         turned = joint_positions + 2.0 * np.pi * turns
         inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
@@ -208,7 +205,7 @@ def _limiting_share(step: FloatArray, longest: FloatArray | float) -> FloatArray
 
 
 def _limit_tilt(q_w: FloatArray, tilt_rad: float) -> FloatArray:
-    """Rotations (N, 4) turned back the shortest way until the z axis is within ``tilt_rad`` of the vertical."""
+    """Rotate (N, 4) by the smallest angle that brings the z axis within ``tilt_rad`` of the vertical."""
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)
     sine = transforms.norm(axis)

@@ -19,13 +19,13 @@ TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SID
 """Candidate spoon poses: yaw from the direction into the face, pitch, roll towards the lips, and height above the
 mouth."""
 PIECE_COST_S, FAILURE_COST_S, SHIFT_M = 3.0, 10.0, 0.001
-"""Cost of a piece that may stay outside the mouth, cost of failure, and margin for shifting food."""
+"""Cost of a piece that may remain outside the mouth, cost of failure, and margin for food that slides on the spoon."""
 
 CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
 CLEARANCE_M, CLOSER_STEP_M, GENTLE_FORCE_N = 0.002, 0.0005, 4.0
-"""Initial clearance from the face. If too little food is in the mouth, the spoon moves closer in small steps until it
-touches the face gently."""
+"""Initial clearance from the face. If too little food reaches the mouth, the spoon moves closer in small steps, until
+it touches the face with a small force."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -78,7 +78,7 @@ class FeedingExpert:
         self._planner.posture = self._before
 
     def _may_move_closer(self, state: State) -> BoolArray:
-        """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
+        """Boolean mask (N,): worlds in which too much food is on the spoon and the contact force is small."""
         on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
         return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < GENTLE_FORCE_N)
 
@@ -102,7 +102,7 @@ def _spoon_q_w(state: State) -> FloatArray:
 def at_mouth(
     tool: Tool, state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
-    """Spoon positions (N, 3) in the middle of the mouth, or outside it if the clearance requires that."""
+    """Spoon positions (N, 3) in the middle of the mouth, or farther out if the clearance requires this."""
     assert tool.outline is not None
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.outline)

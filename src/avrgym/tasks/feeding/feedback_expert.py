@@ -13,7 +13,7 @@ from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
 YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
-"""Candidate yaw angles: tip first, or turned towards the left side, which needs less reach."""
+"""Candidate yaw angles: tip first, or rotated towards the left side, which needs less reach."""
 ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
 """Cost in metres of a radian of rotation error, and of a radian of yaw."""
 
@@ -24,8 +24,7 @@ def feeding_target(
     planner: MotionPlanner,
     standoff_from_mouth_m: FloatArray | float = 0.0,
 ) -> ToolTarget:
-    """Move the level spoon through a funnel in front of the face into the mouth, with the yaw that the arm reaches
-    best.
+    """Move the level spoon through a funnel in front of the face into the mouth, at the yaw that the arm reaches best.
 
     The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of the mouth.
     """

@@ -1,6 +1,7 @@
-"""Memory-based expert for feeding: keeps its distance while the mouth moves. Recurrent policies imitate it.
+"""Memory-based expert for feeding: keeps a distance while the mouth moves. Recurrent policies imitate it.
 
-A head that moves against the spoon presses against the whole arm. The spoon therefore waits until the mouth is at rest.
+A head that moves against the spoon meets the inertia of the whole arm. The spoon therefore waits until the mouth is at
+rest.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 REST_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
 MAX_STANDOFF_M = 0.06
-"""Standoff from a mouth at twice this speed or more; less at lower speeds."""
+"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. It is smaller at lower speeds."""
 
 
 class MemoryExpert:

@@ -52,7 +52,8 @@ def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.s
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) -> StepResult:
-    """Food within 2 cm of the mouth is eaten. Food below 0.5 m, on the table or in the bowl is dropped.
+    """Evaluate a step: food within 2 cm of the mouth is eaten; food below 0.5 m, on the table or in the bowl is
+    dropped.
 
     Eaten food, and food on the floor, is removed from the scene.
     """

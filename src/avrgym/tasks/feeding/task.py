@@ -31,16 +31,17 @@ HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
 SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
 """Yaw of the spoon relative to the face, with its tip or its left side first."""
 SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
-"""Level, pointing towards the person."""
+"""Initial rotation of the spoon: level, pointing towards the person."""
 
 
 def scene(robot: Robot, tool: Tool) -> SceneConfig:
-    """Wheelchair and table with bowl; the right arm holds the spoon."""
+    """The scene: a wheelchair and a table with a bowl; the robot's right arm holds the spoon."""
     return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Bowl within ±5 cm of its place; hand within ±5 cm of a point above and in front of it; spoon level."""
+    """Initial states: the bowl within ±5 cm of its mean position, the hand within ±5 cm of a point above it, spoon
+    level."""
     bowl = constant_like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)

@@ -1,7 +1,7 @@
 """Extra path length of scratching, for reward shaping.
 
-A reward of the straight distance alone attracts the tool to the near side of a limb with the itch on its far side,
-where it gets stuck. The same holds for a hand without clearance.
+If the itch is on the far side of a limb, a reward of the straight distance alone attracts the tool to the near side,
+where it gets stuck. A hand without clearance gets stuck in the same way.
 """
 
 from avrgym.array_types import FloatArray
@@ -19,10 +19,10 @@ TIP_TO_HAND_M = 0.06
 
 
 def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
-    """Extra length (N,) in metres of the tool's path around the limb compared with the straight path.
+    """Extra length (N,) in metres of the tool's path around the limb, compared with the straight path.
 
-    The limb is an infinite cylinder with the itch on its surface. If the straight path crosses it, the shortest path
-    follows a tangent and then the surface.
+    The limb is modelled as an infinite cylinder with the itch on its surface. If the straight path intersects the
+    cylinder, the shortest path follows a tangent and then the surface.
     """
     xp = namespace(state.tool_pos_w)
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
@@ -42,7 +42,7 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
 def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
     """Extra path length around the limb plus the path of the hand around the tip (N,), metres.
 
-    The preferred hand direction is that of ``feedback_expert``.
+    ``feedback_expert`` defines the preferred direction of the hand.
     """
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)

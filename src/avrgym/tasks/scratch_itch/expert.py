@@ -17,7 +17,7 @@ from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
 TILT_DIRECTIONS = 8
-"""Candidate directions of the rod: normal to the skin, or tilted by these angles to ``TILT_DIRECTIONS`` sides."""
+"""Candidate directions of the rod: normal to the skin, or tilted by these angles in ``TILT_DIRECTIONS`` directions."""
 TILT_COST_S_PER_RAD = 2.0
 """Cost of a tilt."""
 
@@ -29,13 +29,13 @@ NO_CONTACT_STEP_M = 0.004
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
 DETOUR_COST_S, DETOUR_STEPS = 20.0, 50
-"""Plans with a higher cost are planned again after a detour to a point in front of and above the wrist."""
+"""If a plan costs more, a new plan follows after a detour to a point in front of the wrist and above it."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M, LOOKAHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
-"""Half axes of the tip's loop around the itch, along and across the limb, and how far ahead on the loop it aims."""
+"""Half axes of the tip's elliptic path around the itch, along and across the limb, and the look-ahead angle on it."""
 
 
 class ForceControl(NamedTuple):
@@ -99,7 +99,7 @@ class ScratchItchExpert:
     def _plan(self, worlds: BoolArray) -> FloatArray:
         """Plan for the worlds of a mask (N,): choose the fastest collision-free direction towards the itch.
 
-        Rotation about the rod is free; the last joint provides it.
+        The rotation about the rod is free, and the last joint performs it.
 
         Returns:
             Cost of the path (N,), seconds.
@@ -125,7 +125,8 @@ class ScratchItchExpert:
 
 
 def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
-    """Angles (N, J) in front of and above the wrist with the rod pointing down, and the cost (N,) to get there."""
+    """Joint positions (N, J) with the tool in front of the wrist and above it, the rod pointing down, and their cost
+    (N,)."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
@@ -140,7 +141,7 @@ def rub(
 ) -> FloatArray:
     """Next position (N, 3) of a tip that circles around the itch.
 
-    It depends on the present position only; the depth depends on the force.
+    The motion depends only on the present position, the depth on the force.
 
     Args:
         state: physical state of N worlds.
@@ -166,7 +167,7 @@ def rub(
 
 
 def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (N, 3) at the itch, out of the limb and along it; world frame."""
+    """Unit vectors (N, 3) at the itch: skin normal, and direction along the limb; world frame."""
     out = transforms.normalize(task_state.itch * constant_like(LATERAL_AXES, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 

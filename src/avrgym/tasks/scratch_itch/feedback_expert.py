@@ -18,36 +18,37 @@ Range = tuple[float, float]
 MAX_HAND_ANGLE_RAD, MAX_ROD_ANGLE_RAD = 1.2, 0.4
 """Limits of the hand's angle to the skin normal, and of the rod's angle to the hand's direction."""
 CLEARANCE_FORWARD, CLEARANCE_UP, NORMAL_WEIGHT = -0.2, 0.2, 0.5
-"""Direction with clearance for the hand, for each metre to the right, and how much the skin normal changes it."""
+"""Direction with clearance for the hand, per metre to the right, and the weight of the skin normal in it."""
 SIDE_CHANGE_HEIGHT, SIDE_CHANGE_WIDTH = -0.35, 0.17
-"""Height of the skin normal at which the hand changes from above to below the arm, and width of the transition."""
+"""Vertical component of the skin normal at which the hand changes from above to below the arm, and transition width."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 FRONT_MAX_HAND_ANGLE_RAD, FRONT_MAX_ROD_ANGLE_RAD = 1.0, 0.2
 """Direction with clearance for a hand in front of the person, and the two angle limits for it."""
 INWARD_RANGE, NOT_DOWNWARD_RANGE = (0.6, 0.85), (-0.5, -0.3)
-"""Ranges of the skin normal's components over which the hand changes to the front: skin that faces left and not
+"""Ranges of the skin normal's components over which the hand changes to the front, for skin that faces left and not
 down."""
 ROTATION_RANGE_RAD = (0.2, 0.6)
-"""A hand in front approaches the itch if its remaining rotation is below the first value, and waits in front of the
-wrist above the second."""
+"""A hand in front of the person approaches the itch if its remaining rotation is below the first value. Above the
+second value it waits in front of the wrist."""
 ZERO_TO_ONE = (0.0, 1.0)
 """Range of a blending weight."""
 MAX_LATERAL_OFFSET_M = 0.02
-"""Lateral offset within which the tip comes down."""
+"""Maximum lateral offset at which the tip moves down."""
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
 FORCE_CONTROL = expert.ForceControl(force_n=2.5, gain_m_n=0.0008, min_step_m=-0.006, max_step_m=0.001)
-"""Rubbing speed and force control: slow for a steady force, and quick to release."""
+"""Rubbing speed and force control. The depth increases slowly for a steady force, and decreases quickly."""
 MAX_LINK_FORCE_N, DRAW_BACK_M, DRAW_BACK_SPEED_M_S = 5.0, 0.03, 0.3
-"""Link force on the person above which the arm draws back, distance of that target, and speed."""
+"""Force of the links on the person above which the arm withdraws, distance of the withdrawal, and its speed."""
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
     """Move the tip around the limb above the skin to the itch, then rub.
 
-    For an itch on the inner side, an arm on the wheelchair first turns its hand in front of the wrist. The thicker arm
-    of a robot on the floor would lean on the person, see ``memory_expert``. An arm that leans on the person draws back.
+    For an itch on the inner side, an arm on the wheelchair first rotates its hand in front of the wrist. The thicker
+    arm of a robot on the floor would touch the person, see ``memory_expert``. If links press on the person, the arm
+    withdraws.
     """
     out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
     return blended_target(state, task_state, planner, faces_in(out_w) * (not planner.scene.mount.on_floor))
@@ -56,7 +57,7 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
 def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
-    """As ``scratching_target``, blended with an approach from the front by a share (N,)."""
+    """The target of ``scratching_target``, blended with an approach from the front by a share (N,)."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD)
@@ -85,7 +86,7 @@ def faces_in(
 
 
 def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
-    """Rotation vectors (N, 3) that turn the rod so that the hand has clearance; world frame.
+    """Rotation vectors (N, 3) that rotate the rod until the hand has clearance; world frame.
 
     Args:
         rod_w: rod direction, unit vectors (N, 3), world frame.
@@ -100,8 +101,9 @@ def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float 
 def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """Preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
 
-    The skin normal, turned towards free space: to the person's right, and in front and above for skin that faces up,
-    behind and below for skin that faces down. A share (N,) ``in_front`` turns it to the front, over the lap.
+    This is the skin normal, rotated towards free space: to the person's right, and forwards and upwards for skin that
+    faces up, backwards and downwards for skin that faces down. The share ``in_front`` (N,) rotates it to the front,
+    over the lap.
     """
     xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_HEIGHT) / SIDE_CHANGE_WIDTH)
@@ -115,7 +117,8 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
 
 
 def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
-    """Next tip position (N, 3) in the limb's frame: around the limb, above the skin until it is at the itch."""
+    """Next tip position (N, 3) in the limb's frame: the tip moves around the limb above the skin until it is at the
+    itch."""
     radius = norm(task_state.itch[:, :2])
     now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, task_state.itch))
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi

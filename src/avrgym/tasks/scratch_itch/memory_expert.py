@@ -1,7 +1,7 @@
-"""Memory-based expert for scratching: remembers whether the arm has swung to the front. Recurrent policies imitate it.
+"""Memory-based expert for scratching: stores whether the arm has swung to the front. Recurrent policies imitate it.
 
-The inner side of the forearm is reached from the front, over the lap. On a direct path the elbow of the robot would
-lean on the person. The arm therefore first makes a fixed joint-space motion to a point in front of and above the wrist.
+The robot reaches the inner side of the forearm from the front, over the lap. On a direct path its elbow would touch the
+person. The arm therefore first makes a fixed joint-space motion to a point in front of the wrist and above it.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ SWINGS = {
     "Jaco": Swing((-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inwards=(0.5, 0.8), not_down=(-0.8, -0.6)),
     "PR2": Swing((-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inwards=(0.3, 0.6), not_down=(-0.7, -0.5)),
 }
-"""By robot. Jaco: the median of the feedback expert's motions to the front. PR2: the mean of the planned detours."""
+"""Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
 SWING_THRESHOLD = 0.5
 """Share of ``in_front`` above which the arm first swings."""
 SWING_COMPLETE_SHARE = 0.85
@@ -43,7 +43,7 @@ def memory_expert(episodes: RunningEpisodes) -> Controller:
 
 
 class SwingsInFront:
-    """The feedback expert that reaches from the front only after the swing."""
+    """The feedback expert, but it approaches from the front only after the swing."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Start at the present poses."""

@@ -68,7 +68,7 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState) -> StepResult:
-    """At most one scratch in a control step.
+    """Evaluate a step, with at most one new scratch.
 
     A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. Its position (the force-weighted mean)
     must have moved more than 1 cm in the limb's frame since the last scratch.

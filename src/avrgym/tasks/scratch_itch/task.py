@@ -37,7 +37,7 @@ from avrgym.tasks.task import Marks, Task, View, Views
 HAND_OFFSET_M, MOBILE_HAND_OFFSET_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
-"""Pointing 45° upwards at the person's shoulder, past the elbow."""
+"""Initial rotation of the scratcher: it points 45° upwards to the person's shoulder, past the elbow."""
 
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=30.0),
@@ -47,14 +47,15 @@ POSE = Pose(
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """A wheelchair without its right armrest; the robot's left arm holds the scratcher."""
+    """The scene: a wheelchair without its right armrest; the robot's left arm holds the scratcher."""
     return placement.wheelchair_scene(
         robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
     )
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand within ±5 cm of a point next to the elbow. The goals are shoulder, elbow and wrist."""
+    """Initial states: the hand is within ±5 cm of a point next to the elbow. The goals are shoulder, elbow and
+    wrist."""
     place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
@@ -64,7 +65,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Scratcher, itch and both arms."""
+    """The observation: scratcher, itch, joints of the robot's arm, positions of the person's arm."""
     return Observation(
         (
             seen.TOOL_FROM_TORSO,
