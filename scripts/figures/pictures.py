@@ -28,7 +28,13 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.real_time_loop import Received, Send
 
-MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
+MOMENTS = {
+    "Feeding": (3, 11),
+    "Drinking": (3, 11),
+    "ScratchItch": (6, 36),
+    "BedBathing": (3, 90),
+    "Dressing": (3, 34),
+}
 """By task, the seed of an episode and the control step at which it shows; ``MOMENT`` for others."""
 MOMENT = (3, 11)
 SIZE_PX = {"width": 900, "height": 600}

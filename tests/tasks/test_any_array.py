@@ -38,10 +38,10 @@ def rotations(rng: np.random.Generator, *shape: int) -> Any:
     return transforms.normalize(rng.normal(size=(WORLDS, *shape, 4)))
 
 
-def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> State:
+def crowded_state(rng: np.random.Generator, joints: int, particles: int, vertices: int = 0) -> State:
     """Worlds in which all that matters is within centimetres, and some of it touches."""
     touching = rng.random((WORLDS, TOOL_CONTACTS)) < 0.5
-    forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links")}
+    forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links", "cloth")}
     velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("effector", "tool")}
     fallen = np.where(rng.random((WORLDS, particles, 1)) < 0.3, [0.0, 0.0, 1.0], 0.0)
     ends = around(rng, len(GEOMS), 2, spread=0.3)
@@ -59,6 +59,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
         placed_pos_w={BOWL_BODY: around(rng) - [0.0, 0.0, 0.3]},
         particle_pos_w=around(rng, particles) - fallen * rng.uniform(0.2, 1.2, (WORLDS, particles, 1)),
         particle_velocity_w=rng.normal(size=(WORLDS, particles, 3)),
+        cloth_pos_w=around(rng, vertices, spread=0.3),
         person_segment_w=ends,
         person_radius_m=rng.uniform(0.002, 0.04, (WORLDS, len(GEOMS))),
         right_arm_pos_w=around(rng, 3),
@@ -106,8 +107,11 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     name, robot = ENVIRONMENTS[request.param]
     task, rng = TASKS[name], np.random.default_rng(7)
     scene = task.scene(find_robot(robot))
-    particles, joints = scene.tool.particles, len(scene.arm.joints)
-    state = crowded_state(rng, joints, 0 if particles is None else len(particles.bodies))
+    joints = len(scene.arm.joints)
+    particles, vertices = (
+        0 if part is None else len(part.bodies) for part in (scene.tool.particles, scene.tool.cloth)
+    )
+    state = crowded_state(rng, joints, particles, vertices)
     kept = task.init_state(
         people_from(rng.random((WORLDS, NUM_UNIFORMS)), "revised", "none", name),
         rng.random((WORLDS, task.num_uniforms)),

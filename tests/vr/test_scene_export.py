@@ -92,6 +92,17 @@ def has_picture(model: mujoco.MjModel, body: str) -> bool:
     return bool(((model.geom_bodyid == model.body(body).id) & (model.geom_group == 2)).any())
 
 
+def test_vertices_of_cloth_name_their_bodies() -> None:
+    environment = "avrgym/DressingJaco-v1"
+    model, glb = model_of(environment), exported(environment)
+    (cloth,) = (node for node in glb["nodes"] if "vertices" in node.get("extras", {}))
+    bodies = cloth["extras"]["vertices"]
+    places = glb.numbers(glb["meshes"][cloth["mesh"]]["primitives"][0]["attributes"]["POSITION"])
+    data = at_rest(environment)
+    np.testing.assert_allclose(places, [data.body(body).xpos for body in bodies], atol=1e-6)
+    assert len(bodies) == model.flex_vertnum.sum()
+
+
 def test_nodes_have_the_poses_of_their_bodies() -> None:
     data = at_rest(FEEDING)
     for body, node in exported(FEEDING).nodes("body").items():

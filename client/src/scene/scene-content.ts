@@ -37,6 +37,12 @@ interface Copies {
   at: number[];
 }
 
+/** A mesh whose vertices are at several poses. */
+interface Cloth {
+  mesh: Mesh;
+  at: number[];
+}
+
 /** Not 0, because a singular matrix has no normals. */
 const COLLAPSED_SCALE = 1e-3;
 /** Prefix of the names of the bodies of robot and tool. */
@@ -47,6 +53,7 @@ export class SceneContent {
   private readonly followers: Follower[] = [];
   private readonly swings: Swing[] = [];
   private readonly copies: Copies[] = [];
+  private readonly cloths: Cloth[] = [];
   private readonly heads: Material[] = [];
   private readonly faded = new Map<Material, Material>();
   readonly surfaces: SurfacePoints;
@@ -71,6 +78,7 @@ export class SceneContent {
       placeSwing(swing, poses);
     }
     for (const copies of this.copies) placeCopies(copies, poses);
+    for (const cloth of this.cloths) placeCloth(cloth, poses);
   }
 
   /** In the first-person view, the participant's own head is hidden but still casts its shadow. */
@@ -98,11 +106,12 @@ export class SceneContent {
 
   /** Registers a node by its `extras`; GLTFLoader changes names. */
   private take(node: Object3D): void {
-    const { body, swing, parent, bodies, skin_of: skinOf } = node.userData as Record<string, unknown>;
-    if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node, this.faded);
+    const { body, swing, parent, bodies, vertices, skin_of: skinOf } = node.userData as Record<string, unknown>;
+    if (String(body).startsWith(ROBOT) || Array.isArray(bodies ?? vertices)) fadeAll(node, this.faded);
     if (typeof body === "string") this.follow(node, body);
     if (typeof swing === "string") this.swing(node, swing, String(parent));
     if (Array.isArray(bodies) && node instanceof Mesh) this.copy(node, bodies.map(String));
+    if (Array.isArray(vertices) && node instanceof Mesh) this.cloth(node, vertices.map(String));
     if (this.scene.head_bodies.includes(String(skinOf)) && node instanceof Mesh)
       this.heads.push(ownMaterial(node));
   }
@@ -124,6 +133,15 @@ export class SceneContent {
     model.removeFromParent();
     this.group.add(mesh);
     this.copies.push({ mesh, at });
+  }
+
+  private cloth(mesh: Mesh, vertices: string[]): void {
+    const at = vertices.map((body) => this.poseOf(body)).filter((found) => found !== null);
+    if (at.length !== vertices.length) return;
+    mesh.geometry.deleteAttribute("normal");
+    mesh.geometry.computeVertexNormals();
+    mesh.frustumCulled = false;
+    this.cloths.push({ mesh, at });
   }
 
   /** Adds the marks of the task on the person. */
@@ -167,6 +185,13 @@ function placeCopies({ mesh, at }: Copies, poses: Poses): void {
     mesh.setMatrixAt(index, matrix.compose(position, quaternion, unscaled));
   });
   mesh.instanceMatrix.needsUpdate = true;
+}
+
+function placeCloth({ mesh: { geometry }, at }: Cloth, poses: Poses): void {
+  const positions = geometry.getAttribute("position");
+  at.forEach((start, vertex) => positions.setXYZ(vertex, poses[start]!, poses[start + 1]!, poses[start + 2]!));
+  positions.needsUpdate = true;
+  geometry.computeVertexNormals();
 }
 
 function readPosition(into: Vector3, poses: Poses, at: number): Vector3 {

@@ -12,7 +12,7 @@ const SKIN_VERTICES = 1500;
 /** Parts of the person within this distance of the eyes (arms and lap) are ignored. */
 const REACH_M = 0.8;
 
-/** Sample points on the surfaces of a scene, for finding free space. Instanced meshes are ignored. */
+/** Sample points on the surfaces of a scene, for finding free space. Instanced meshes and cloth are ignored. */
 export class SurfacePoints {
   private readonly rigid: { mesh: Mesh; points: Vector3[] }[] = [];
   private readonly skins: SkinnedMesh[] = [];
@@ -21,7 +21,7 @@ export class SurfacePoints {
     scene.updateMatrixWorld();
     scene.traverse((node) => {
       if (node instanceof SkinnedMesh) this.skins.push(node);
-      else if (node instanceof Mesh && !(node instanceof InstancedMesh))
+      else if (node instanceof Mesh && !(node instanceof InstancedMesh) && !node.userData.vertices)
         this.rigid.push({ mesh: node, points: pointsOn(node) });
     });
   }

@@ -1,5 +1,7 @@
 import {
   BoxGeometry,
+  BufferGeometry,
+  Float32BufferAttribute,
   Group,
   InstancedMesh,
   Matrix4,
@@ -109,6 +111,27 @@ describe("what a scene shows", () => {
     expect([drops!.count, marks!.count]).toEqual([2, 2]);
     expect(placeOf(drops!, 1).toArray()).toEqual([3, 6, 9]);
     expect(placeOf(marks!, 1).toArray()).toEqual([5, 10, 15]);
+  });
+
+  it("draws cloth with its vertices at their bodies, lit by its present shape", () => {
+    const sheet = new Mesh(new BufferGeometry(), new MeshStandardMaterial());
+    sheet.geometry.setAttribute("position", new Float32BufferAttribute([0, 0, 0, 1, 0, 0, 0, 1, 0], 3));
+    sheet.geometry.setIndex([0, 1, 2]);
+    const group = new Group().add(node({ vertices: ["forearm", "drop_0", "drop_1"] }, sheet));
+    const content = new SceneContent(group, SCENE);
+    const moved = poses({});
+    moved[BODIES.indexOf("drop_0") * POSE]! += 1;
+    content.place(moved);
+    const corner = (name: string, at: number) =>
+      new Vector3().fromBufferAttribute(sheet.geometry.getAttribute(name), at);
+    expect([0, 1, 2].map((at) => corner("position", at).toArray())).toEqual([
+      [1, 2, 3],
+      [3, 4, 6],
+      [3, 6, 9],
+    ]);
+    const normal = corner("normal", 0);
+    expect(normal.length()).toBeCloseTo(1, 5);
+    expect(normal.dot(new Vector3(2, 2, 3))).toBeCloseTo(0, 5);
   });
 
   it("hides the head from inside, and only the head", () => {

@@ -63,6 +63,7 @@ class Camera:
         """Returns an image (``height_px``, ``width_px``, 3) of the present state."""
         self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_flex(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._renderer.update_scene(self._data, self._viewpoint, visible_groups())
         self._add_marks()

@@ -22,5 +22,6 @@ TOOL = CollisionBits(_TOOL, _PERSON)
 HULL = CollisionBits(_HULL, _PERSON)
 PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
+CLOTH = CollisionBits(0, _PERSON)
 NO_COLLISION = CollisionBits(0, 0)
 """Geoms with these bits collide with nothing. They mark space that people's initial poses must avoid."""

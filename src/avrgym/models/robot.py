@@ -1,8 +1,10 @@
 """Robot records and the MuJoCo models built from them. The packaged robots are in ``avrgym.robots``."""
 
+import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import mujoco
@@ -77,6 +79,11 @@ class BaseRange:
     y_m: tuple[float, float]
     yaw_rad: tuple[float, float]
 
+    def mirrored(self) -> "BaseRange":
+        """The range on the other side of the person."""
+        (left, right), (least, most) = self.x_m, self.yaw_rad
+        return BaseRange((-right, -left), self.y_m, (-most, -least))
+
 
 @dataclass(frozen=True, eq=False)
 class Mount:
@@ -86,6 +93,7 @@ class Mount:
         pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
         base_range: range in which each episode searches for a base pose.
         carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
+            With the keyword ``mirrored`` it can be on the person's left.
         carrier_body: body of the carrier that moves with the base.
     """
 
@@ -99,6 +107,26 @@ class Mount:
     def on_floor(self) -> bool:
         """Whether the robot is on the floor."""
         return self.carrier is None
+
+    def mirrored(self) -> "Mount":
+        """The mount on the person's left.
+
+        Raises:
+            UnsuitableError: if the carrier cannot be mirrored.
+        """
+        x, y, z = self.pos_w
+        carrier: Callable[..., None] | None = self.carrier
+        if carrier is not None:
+            if "mirrored" not in inspect.signature(carrier).parameters:
+                raise UnsuitableError("the carrier has no keyword mirrored; allowed: a robot on the floor")
+            carrier = partial(carrier, mirrored=True)
+        return replace(
+            self,
+            pos_w=(-x, y, z),
+            yaw_rad=float(np.remainder(2.0 * np.pi - self.yaw_rad, 2.0 * np.pi) - np.pi),
+            base_range=None if self.base_range is None else self.base_range.mirrored(),
+            carrier=carrier,
+        )
 
 
 @dataclass(frozen=True)
@@ -160,7 +188,7 @@ def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tupl
         UnsuitableError: if the robot has no such arm, mount or grip.
     """
     for what, wanted, found in (
-        ("arm", side, robot.arms), ("mount", place, robot.mounts), ("grip", tool.name, robot.grips)
+        ("arm", side, robot.arms), ("mount", place, robot.mounts), ("grip", tool.grip_name, robot.grips)
     ):  # fmt: skip
         if wanted not in found:
             raise UnsuitableError(f"{robot.name} has no {what} {wanted!r}, only {', '.join(found)}")
@@ -193,7 +221,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
 def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
     """Model of a robot with a tool in its hand, without a scene. ``name`` is the name of the tool's body."""
-    grip = robot.grips[tool.name]
+    grip = robot.grips[tool.grip_name]
     spec = robot_spec(robot, arm, grip, appearance=appearance)
     body = spec.body(arm.end_effector).add_body(
         name=name,

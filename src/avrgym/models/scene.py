@@ -1,4 +1,4 @@
-"""The MuJoCo model of a scene: person, furniture, robot, tool and particles."""
+"""The MuJoCo model of a scene: person, furniture, robot, tool, and particles or cloth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,12 @@ import mujoco
 
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits, human, robot
+from avrgym.models.cloth import add_cloth
 from avrgym.models.geoms import add_collision
 from avrgym.models.human import Person, Posture
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
-from avrgym.models.tools import Particles, Tool, add_particles
+from avrgym.models.tools import Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
 CONTROL_STEP_S = 0.1
@@ -55,7 +56,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
         appearance: whether to add visual geoms.
     """
     spec = mujoco.MjSpec()
-    _set_options(spec, scene.tool.particles)
+    _set_options(spec, scene.tool)
     add_collision(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, collision_bits.FURNITURE, size=[5.0, 5.0, 0.1]
     )
@@ -69,18 +70,22 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     _add_robot(spec, scene, appearance)
     if scene.tool.particles is not None:
         add_particles(spec, scene.tool.particles, appearance)
+    if scene.tool.cloth is not None:
+        add_cloth(spec, scene.tool.cloth, robot.PREFIX, appearance)
     _add_sensors(spec, scene)
     return spec
 
 
-def _set_options(spec: mujoco.MjSpec, particles: Particles | None) -> None:
+def _set_options(spec: mujoco.MjSpec, tool: Tool) -> None:
     spec.option.timestep = PHYSICS_STEP_S
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = (
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST if tool.cloth is None else mujoco.mjtIntegrator.mjINT_DISCRETE
+    )
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.compiler.degree = False
     # Few bodies have many geoms, and nearly all contacts belong to one island.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
-    if particles is not None and particles.fluid:
+    if tool.particles is not None and tool.particles.fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
         spec.option.tolerance = FLUID_TOLERANCE
 
@@ -102,6 +107,10 @@ TOOL_FORCE_SENSOR = "tool_force_on_person"
 ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
 ROBOT_CONTACTS = 16
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
+ANY_FORCE_SENSOR = "force_on_person"
+ANY_CONTACT_SENSOR = "contacts_with_person"
+ANY_CONTACTS = 96
+"""Number of contacts reported of everything that touches the person, in scenes with cloth."""
 TOOL_CONTACTS = 6
 """Number of reported contacts. In 12 800 steps of packaged policies, a robot had up to 6 contacts and a tool up to
 4."""
@@ -113,7 +122,8 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Add sensors of contact forces on the person, contacts, and velocities of end effector and tool.
 
     Net forces and velocities are in the world frame. The strongest contacts are measured. A contact of the tool has a
-    force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the person.
+    force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the person. A
+    sensor cannot name a flex: with cloth, further sensors measure everything that touches the person.
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
@@ -123,6 +133,9 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, whole, _STRONGEST, slots=TOOL_CONTACTS)
     _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robot.PREFIX + scene.arm.end_effector)
     _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
+    if scene.tool.cloth is not None:
+        _add_contact_sensor(spec, ANY_FORCE_SENSOR, None, _FORCE, _NET_FORCE, slots=1)
+        _add_contact_sensor(spec, ANY_CONTACT_SENSOR, None, _FORCE, _STRONGEST, slots=ANY_CONTACTS)
 
 
 _FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
@@ -141,20 +154,20 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 
 
 def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
-    """Add a sensor of the robot's strongest contact forces on one of ``human.GEOMS``."""
-    base = robot.PREFIX + scene.robot.base
+    """Add a sensor of the strongest contact forces of robot and cloth on one of ``human.GEOMS``."""
+    base = robot.PREFIX + scene.robot.base if scene.tool.cloth is None else None
     _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)
 
 
 def _add_contact_sensor(
-    spec: mujoco.MjSpec, name: str, of: str, fields: int, reduction: int, slots: int, geom: str = ""
+    spec: mujoco.MjSpec, name: str, of: str | None, fields: int, reduction: int, slots: int, geom: str = ""
 ) -> None:
-    """Add a sensor of a body's contacts with the person, or with one ``geom``."""
+    """Add a sensor of a body's contacts, or those of everything, with the person or with one ``geom``."""
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname=of,
+        objtype=mujoco.mjtObj.mjOBJ_UNKNOWN if of is None else mujoco.mjtObj.mjOBJ_XBODY,
+        objname=of or "",
         reftype=mujoco.mjtObj.mjOBJ_GEOM if geom else mujoco.mjtObj.mjOBJ_XBODY,
         refname=geom or human.PREFIX + "hips",
         intprm=[fields, reduction, slots],

@@ -11,6 +11,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
+from avrgym.models.cloth import Cloth
 from avrgym.models.geoms import SPHERE, add_collision, add_material, add_visual
 
 BODY = "tool"
@@ -49,10 +50,10 @@ class Hull:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool: build function, grip position (3,) in the tool's frame, and particles.
+    """A tool: build function, grip position (3,) in the tool's frame, and particles or cloth.
 
     ``pad`` is the body that touches people if it moves relative to the tool. ``outline`` are points (P, 3) on the
-    outside of the part that enters the mouth.
+    outside of the part that enters the mouth. ``grip`` is the tool with the same handle, whose grip holds this one too.
     """
 
     name: str
@@ -62,6 +63,13 @@ class Tool:
     pad: str = BODY
     hull: Hull | None = None
     outline: FloatArray | None = None
+    cloth: Cloth | None = None
+    grip: str | None = None
+
+    @property
+    def grip_name(self) -> str:
+        """Name of the robots' grip that holds this tool."""
+        return self.grip or self.name
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}

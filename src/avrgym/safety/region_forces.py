@@ -17,18 +17,20 @@ from avrgym.safety.limits import (
     TRANSIENT_S,
 )
 
-GEOM_CONTACTS = 8
-"""Number of strongest contacts that a sensor reads for one geom of the person. A grasp with three fingers has fewer."""
+GEOM_CONTACTS, CLOTH_GEOM_CONTACTS = 8, 64
+"""Number of strongest contacts that a sensor reads for one geom of the person, without and with cloth. A grasp with three
+fingers has fewer than 8; a sleeve around an arm has up to 40."""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
-    """Measure the robot's contacts with each geom of the person.
+    """Measure the contacts of robot and cloth with each geom of the person.
 
     The sensors do not change the simulation. With many contacts they increase the time of a physics step by up to a
     sixth.
     """
+    contacts = GEOM_CONTACTS if scene.tool.cloth is None else CLOTH_GEOM_CONTACTS
     for geom in REGION_OF_GEOM:
-        add_geom_sensor(spec, scene, _sensor(geom), geom, GEOM_CONTACTS)
+        add_geom_sensor(spec, scene, _sensor(geom), geom, contacts)
 
 
 def _sensor(geom: str) -> str:
@@ -40,12 +42,10 @@ class RegionForceSensors:
 
     def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
         self._sensordata = sensordata
+        sensors = [model.sensor(_sensor(geom)) for geom in REGION_OF_GEOM]
         self._columns = np.stack(
-            [
-                int(model.sensor(_sensor(geom)).adr[0]) + np.arange(3 * GEOM_CONTACTS)
-                for geom in REGION_OF_GEOM
-            ]
-        ).reshape(-1, GEOM_CONTACTS, 3)
+            [int(sensor.adr[0]) + np.arange(int(sensor.dim[0])) for sensor in sensors]
+        ).reshape(len(sensors), -1, 3)
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
     def read_n(self) -> FloatArray:

@@ -11,6 +11,8 @@ from avrgym.array_types import IntArray
 from avrgym.geometry.arrays import constant_like
 from avrgym.models import human, robot
 from avrgym.models.scene import (
+    ANY_CONTACT_SENSOR,
+    ANY_FORCE_SENSOR,
     EFFECTOR_VELOCITY_SENSOR,
     ROBOT_CONTACT_SENSOR,
     ROBOT_FORCE_SENSOR,
@@ -45,10 +47,8 @@ class ModelAddresses:
         self.person_qpos, self.person_ctrl = _qpos(model, driven), actuators(model, driven)
         self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
         particles = scene.tool.particles.bodies if scene.tool.particles else ()
-        self.particle_qpos = np.array(
-            [[model.joint(f"{body}_{axis}").qposadr[0] for axis in "xyz"] for body in particles],
-            dtype=np.intp,
-        ).reshape(-1, 3)
+        cloth = scene.tool.cloth.bodies if scene.tool.cloth else ()
+        self.particle_qpos, self.cloth_qpos = _slides_qpos(model, particles), _slides_qpos(model, cloth)
         self.particle_dof = np.array(
             [[model.joint(f"{body}_{axis}").dofadr[0] for axis in "xyz"] for body in particles], dtype=np.intp
         ).reshape(-1, 3)
@@ -56,6 +56,8 @@ class ModelAddresses:
         self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
         self.robot_contacts = _sensor(model, ROBOT_CONTACT_SENSOR)
         self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
+        self.any_force = _sensor(model, ANY_FORCE_SENSOR) if cloth else slice(0)
+        self.any_contacts = _sensor(model, ANY_CONTACT_SENSOR) if cloth else slice(0)
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
@@ -70,6 +72,12 @@ class ModelAddresses:
 
 def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> IntArray:
     return np.array([model.joint(name).qposadr[0] for name in joints], dtype=np.intp)
+
+
+def _slides_qpos(model: mujoco.MjModel, bodies: Sequence[str]) -> IntArray:
+    """Indices (K, 3) of the positions of bodies with three slide joints."""
+    joints = [f"{body}_{axis}" for body in bodies for axis in "xyz"]
+    return _qpos(model, joints).reshape(-1, 3)
 
 
 def actuators(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:

@@ -24,11 +24,13 @@ class State(RightArm):
     episode places, by body. ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the ends of
     the axes of the G capsules of the person's body, in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G)
     their radii. ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; unused
-    rows have force zero; normals point from the tool to the person.
+    rows have force zero; normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the
+    tool's cloth.
 
     Forces on the person, (N,): ``robot_force_n`` (robot and tool) and ``tool_force_n`` (tool) are magnitudes of net
     forces, in which opposite forces cancel out. ``total_force_n`` (robot and tool) and ``links_force_n`` (links only)
-    are sums of the magnitudes of all contact forces.
+    are sums of the magnitudes of all contact forces. The tool includes its cloth; ``cloth_force_n`` is the sum of the
+    cloth alone.
     """
 
     robot_pos_w: FloatArray
@@ -45,12 +47,14 @@ class State(RightArm):
     placed_pos_w: Mapping[str, FloatArray]
     particle_pos_w: FloatArray
     particle_velocity_w: FloatArray
+    cloth_pos_w: FloatArray
     person_segment_w: FloatArray
     person_radius_m: FloatArray
     robot_force_n: FloatArray
     tool_force_n: FloatArray
     total_force_n: FloatArray
     links_force_n: FloatArray
+    cloth_force_n: FloatArray
     tool_contact_pos_w: FloatArray
     tool_contact_normal_w: FloatArray
     tool_contact_force_n: FloatArray

@@ -17,6 +17,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import (
+    ANY_CONTACTS,
     CONTROL_STEP_S,
     ROBOT_CONTACTS,
     SUBSTEPS,
@@ -145,7 +146,7 @@ class Simulation:
                 host.act[np.ix_(ids, names.person_act)] = start.people.joint_angles_rad
             else:
                 host.ctrl[np.ix_(ids, names.person_ctrl)] = start.people.joint_angles_rad
-        self._place_particles(ids)
+        self._place_carried(ids)
         self.batch.forward(ids)
         self._show_person(ids)
         self.engine.copy_from_host(ids)
@@ -169,14 +170,18 @@ class Simulation:
         self.batch.forward(ids)
         self.engine.copy_from_host(ids)
 
-    def _place_particles(self, ids: IntArray) -> None:
-        particles, host = self.scene.tool.particles, self._host
-        if particles is None:
+    def _place_carried(self, ids: IntArray) -> None:
+        """Place particles and cloth on the tool."""
+        tool, host, names = self.scene.tool, self._host, self._names
+        carried = ((tool.particles, names.particle_qpos), (tool.cloth, names.cloth_qpos))
+        if all(part is None for part, _ in carried):
             return
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS)
-        tool_pos, tool_q = host.xpos[ids, self._names.tool], host.xquat[ids, self._names.tool]
-        pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], particles.start)
-        host.qpos[ids[:, None, None], self._names.particle_qpos] = pos
+        tool_pos, tool_q = host.xpos[ids, names.tool], host.xquat[ids, names.tool]
+        for part, qpos in carried:
+            if part is not None:
+                pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], part.start)
+                host.qpos[ids[:, None, None], qpos] = pos
 
     def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
         """Command the arm's joint speeds for the next steps: actions (N, J) in [−1, 1], speeds divided by their limits.
@@ -253,6 +258,15 @@ class Simulation:
         by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
         by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
+        links_force_n = xp.clip(total_force_n - _added_up(tool_contact_force_n), 0.0, None)
+        robot_force, tool_force = sensors[:, at.robot_force], sensors[:, at.tool_force]
+        cloth_force_n = xp.zeros_like(total_force_n)
+        if self.scene.tool.cloth is not None:
+            by_any = sensors[:, at.any_contacts].reshape(self.num_worlds, ANY_CONTACTS, 3)
+            any_force, any_force_n = sensors[:, at.any_force], _added_up(norm(by_any))
+            cloth_force_n = xp.clip(any_force_n - total_force_n, 0.0, None)
+            robot_force, tool_force = any_force, tool_force + any_force - robot_force
+            total_force_n = any_force_n
         return State(
             robot_pos_w=float_copy(now.xpos[:, at.robot_torso]),
             joint_positions=self.joint_positions(),
@@ -269,12 +283,14 @@ class Simulation:
             placed_pos_w={name: float_copy(now.xpos[:, body]) for name, body in at.placed.items()},
             particle_pos_w=now.qpos[:, at.particle_qpos],
             particle_velocity_w=now.qvel[:, at.particle_dof],
+            cloth_pos_w=now.qpos[:, at.cloth_qpos],
             person_segment_w=self._person_segments() if self.moving else float_copy(self._segment_w),
             person_radius_m=float_copy(self._capsule_m[..., 0]),
-            robot_force_n=norm(sensors[:, at.robot_force]),
-            tool_force_n=norm(sensors[:, at.tool_force]),
+            robot_force_n=norm(robot_force),
+            tool_force_n=norm(tool_force),
             total_force_n=total_force_n,
-            links_force_n=xp.clip(total_force_n - _added_up(tool_contact_force_n), 0.0, None),
+            links_force_n=links_force_n,
+            cloth_force_n=cloth_force_n,
             tool_contact_pos_w=by_tool[..., 3:6],
             tool_contact_normal_w=by_tool[..., 6:],
             tool_contact_force_n=tool_contact_force_n,

@@ -2,7 +2,8 @@
 
 from itertools import product
 
-TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+TASKS = (*PAPER_TASKS, "Dressing")
 ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5")
 """Names of the packaged tasks and robots."""
 EPISODE_STEPS = 200
@@ -20,7 +21,9 @@ def environment_id(task: str, robot: str) -> str:
 
 ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
 """Packaged environment ids. Plug-ins add others."""
-PAPER_ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ("Jaco", "PR2")))
+PAPER_ENVIRONMENTS = tuple(
+    environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
+)
 """Environments of Erickson, Gu and Kemp (2020). They have packaged policies."""
 
 

@@ -23,7 +23,7 @@ NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for a base, or for the arm of a fixed base: enough for the restarts of 75 joints."""
 Z = [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
-"""Edge of wheelchair and bed on the robot's side: x coordinate."""
+"""Edge of wheelchair and bed on the person's right: x coordinate."""
 
 
 def wheelchair_scene(
@@ -34,10 +34,13 @@ def wheelchair_scene(
     furniture: Sequence[Furniture] = (),
     movable: Sequence[str] = (),
     chair: Furniture = add_wheelchair,
+    *,
+    on_left: bool = False,
 ) -> SceneConfig:
     """A person in a wheelchair and a robot.
 
-    ``standing_offset_m`` (x, y) is added to the position of a robot on the floor.
+    ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: all of this is mirrored
+    to the person's left; ``side`` is still the robot's arm.
 
     Raises:
         UnsuitableError: if the robot lacks arm, mount or grip.
@@ -46,6 +49,8 @@ def wheelchair_scene(
     if mount.on_floor:
         x, y, z = mount.pos_w
         mount = replace(mount, pos_w=(x + standing_offset_m[0], y + standing_offset_m[1], z))
+    if on_left:
+        mount = mount.mirrored()
     around, placed = (chair, *_carrier(mount), *furniture), (*_carried(mount), *movable)
     return SceneConfig(around, placed, SEATED, robot, arm, tool, mount)
 
@@ -136,5 +141,8 @@ def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
     turned = np.abs(cosine) + np.abs(sine)
     nearest = FURNITURE_EDGE_M[scene.posture] - scene.robot.half_width_m * turned
     pos_w = candidates.pos_w.copy()
-    pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)
+    if scene.mount.pos_w[0] < 0.0:
+        pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)
+    else:
+        pos_w[..., 0] = np.maximum(pos_w[..., 0], -nearest)
     return replace(candidates, pos_w=pos_w)

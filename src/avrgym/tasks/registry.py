@@ -14,6 +14,7 @@ from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.constants import environment_id
+from avrgym.tasks.dressing.task import DRESSING
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
@@ -63,7 +64,7 @@ class Registry:
 
 def _build_registry() -> Registry:
     registry = Registry(ROBOTS)
-    for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING):
+    for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING):
         registry.add(task)
     registry.broken += plugins.load(plugins.TASKS, Task, registry.add)
     return registry

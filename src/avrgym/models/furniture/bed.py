@@ -176,9 +176,10 @@ def _add_caster(
         add_visual(body, BOX, metal, pos=[x + side, y, 0.5 * (z + centre[2])], size=[0.004, 0.016, 0.06])
 
 
-def add_nightstand(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the nightstand. Its body's origin is the middle of its top."""
-    body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=NIGHTSTAND_TOP_M)
+def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = False) -> None:
+    """Add the nightstand. Its body's origin is the middle of its top. ``mirrored``: on the person's left."""
+    x, y, z = NIGHTSTAND_TOP_M
+    body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=[-x if mirrored else x, y, z])
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_collision(
         body,

@@ -123,7 +123,12 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def add_bracket(
-    spec: mujoco.MjSpec, appearance: bool, *, mount_m: tuple[float, float, float], shoulder_m: float
+    spec: mujoco.MjSpec,
+    appearance: bool,
+    *,
+    mount_m: tuple[float, float, float],
+    shoulder_m: float,
+    mirrored: bool = False,
 ) -> None:
     """Add a bracket on the wheelchair's right side that carries a robot's arm, and mark the space of the robot's
     shoulder.
@@ -133,8 +138,12 @@ def add_bracket(
         appearance: whether to add visual geoms.
         mount_m: position of the robot's base.
         shoulder_m: upper bound of the shoulder's position; people's initial poses avoid this space.
+        mirrored: whether the bracket is on the left side instead.
     """
     x, y, z = mount_m
+    outwards = -1.0
+    if mirrored:
+        x, outwards = -x, 1.0
     body = spec.body(WHEELCHAIR_BODY)
     half_height = 0.5 * shoulder_m
     room = [x, y, z + half_height]
@@ -145,5 +154,5 @@ def add_bracket(
         return
     paint = finish(spec, "bracket")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
-    arm = [[x, y, z - 0.015], [x + 0.03, y, z - 0.02], [-_FRAME_X, y, z - 0.02]]
+    arm = [[x, y, z - 0.015], [x - 0.03 * outwards, y, z - 0.02], [outwards * _FRAME_X, y, z - 0.02]]
     add_skin(spec, body, "bracket", paint, tube(np.array(arm), 0.016))

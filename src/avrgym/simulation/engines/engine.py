@@ -95,8 +95,8 @@ def make_engine(
             nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, for ``threads`` with a device, or for more worlds than memory
-            allows.
+        ValueError: for an unknown engine or device, for ``threads`` with a device, for cloth with ``warp``, or for more
+            worlds than memory allows.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)
@@ -107,6 +107,8 @@ def make_engine(
         from avrgym.simulation.engines.threads import Threads
 
         return Threads(model, num_worlds, num_threads)
+    if model.nflex:
+        raise ValueError(f"the engine {name} does not simulate cloth; allowed: {THREADS}")
     from avrgym.simulation.engines.warp import Warp
 
     return Warp(model, num_worlds, num_threads, device, on_device=on_device)

@@ -5,6 +5,7 @@ Its nodes are in the world frame, z up. ``extras`` of a node contain the bodies 
 - ``body``: the node follows this body. Bodies that are fixed to each other share a node.
 - ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
 - ``bodies``: the mesh is instanced at each of these bodies.
+- ``vertices``: each vertex of the mesh, a cloth, is at one of these bodies.
 - ``skin_of``: a skinned mesh, and the body with the largest weight.
 
 Colours are vertex colours, as MuJoCo resolves them from geom and material. All geoms of one finish on one node are one
@@ -16,7 +17,7 @@ mesh, because few draw calls are fast on a headset.
 
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -47,12 +48,16 @@ _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 @dataclass(frozen=True)
 class Finish:
-    """Properties of a surface without its colour; ``texture`` is the id in the model, or −1."""
+    """Properties of a surface without its colour.
+
+    ``texture`` is the id in the model, or −1. Cloth is ``two_sided``.
+    """
 
     metallic: float
     roughness: float
     alpha: float
     texture: int = -1
+    two_sided: bool = False
 
     @classmethod
     def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
@@ -69,7 +74,7 @@ class Finish:
 
 
 def export_glb(model: mujoco.MjModel) -> bytes:
-    """The GLB file of the visual geoms and skins of a model that includes materials and textures."""
+    """The GLB file of the visual geoms, skins and cloth of a model that includes materials and textures."""
     return _Export(model).run()
 
 
@@ -93,6 +98,8 @@ class _Export:
             self._add_body(body, geoms)
         for (_, finish), skins in self._skins_by_finish().items():
             self._add_skin(merged(skins), finish)
+        for flex in range(self._model.nflex):
+            self._add_cloth(flex)
         return self._glb.to_bytes(self._roots)
 
     # Rigid bodies
@@ -215,6 +222,23 @@ class _Export:
         self._roots.append(node)
         return node
 
+    # Cloth
+
+    def _add_cloth(self, flex: int) -> None:
+        model = self._model
+        first, count = int(model.flex_vertadr[flex]), int(model.flex_vertnum[flex])
+        corners, triangles = int(model.flex_elemdataadr[flex]), int(model.flex_elemnum[flex])
+        bodies = model.flex_vertbodyid[first : first + count]
+        faces = model.flex_elem[corners : corners + 3 * triangles].reshape(-1, 3)
+        material = int(model.flex_matid[model.flex_elemadr[flex]])
+        mesh = trimesh.Trimesh(self._data.xpos[bodies], faces, process=False)
+        rgba = np.tile(model.mat_rgba[material], (count, 1))
+        surface = self._surface(mesh.vertices, mesh.vertex_normals, rgba, 1.0, quantised=False)
+        finish = replace(Finish.of(model, material, float(rgba[0, 3])), two_sided=True)
+        primitive = self._add_primitive(surface, faces, finish)
+        extras = {"vertices": [model.body(body).name for body in bodies]}
+        self._roots.append(self._glb.add("nodes", mesh=primitive, extras=extras))
+
     # Materials
 
     def _material(self, finish: Finish) -> int:
@@ -228,6 +252,8 @@ class _Export:
             if finish.alpha < 1.0:
                 surface["baseColorFactor"] = [1.0, 1.0, 1.0, finish.alpha]
                 blend["alphaMode"] = "BLEND"
+            if finish.two_sided:
+                blend["doubleSided"] = True
             self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface, **blend)
         return self._finishes[finish]
 

@@ -1,0 +1,99 @@
+"""The sleeve of a gown, held open by a hoop with a gap and a handle.
+
+The origin of the tool's frame is the centre of the opening; y is the direction in which the sleeve is drawn, along the
+arm to the shoulder. The handle is like the washcloth's ridge: hands hold it with the same grip.
+"""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.array_types import FloatArray
+from avrgym.models import collision_bits
+from avrgym.models.cloth import Cloth, add_holds
+from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_visual
+from avrgym.models.tools import Tool
+from avrgym.models.washcloth import WASHCLOTH
+
+AROUND, RINGS = 8, 5
+"""Number of vertices around the sleeve, and of rings along it."""
+OPENING_RADIUS_M, END_RADIUS_M, LENGTH_M = 0.095, 0.085, 0.28
+"""Radii at the opening and at the far end, and length: a short sleeve that leaves the hand free."""
+HELD = (5, 6, 7, 0, 1, 2)
+"""Vertices of the opening that the hoop holds. Its gap is on the side away from the hand, wider than an arm."""
+_HOOP_RADIUS_M, _HANDLE_M = 0.005, 0.05
+_HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M = 0.043, 0.006
+_GRIP_ON_HANDLE_M = 0.042
+"""Distance of the fingers from the opening's rim."""
+_HOOP_RGB, _GOWN_RGB = (0.92, 0.92, 0.90), (0.36, 0.62, 0.72)
+
+
+def _vertices() -> FloatArray:
+    """Rest positions (V, 3), ring by ring from the opening."""
+    angle = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
+    share = np.linspace(0.0, 1.0, RINGS)
+    radius = OPENING_RADIUS_M + share * (END_RADIUS_M - OPENING_RADIUS_M)
+    x, z = (-np.outer(radius, part) for part in (np.cos(angle), np.sin(angle)))
+    y = np.tile(-LENGTH_M * share[:, None], (1, AROUND))
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def _faces() -> NDArray[np.int64]:
+    """Triangles (F, 3); the diagonals alternate: the sleeve does not twist."""
+    found: list[tuple[int, int, int]] = []
+    for ring in range(RINGS - 1):
+        for place in range(AROUND):
+            a, b = ring * AROUND + place, ring * AROUND + (place + 1) % AROUND
+            c, d = a + AROUND, b + AROUND
+            found += [(a, b, d), (a, d, c)] if (ring + place) % 2 else [(a, b, c), (b, d, c)]
+    return np.array(found)
+
+
+GOWN = Cloth(
+    name="sleeve",
+    start=_vertices(),
+    faces=_faces(),
+    held=HELD,
+    mass_kg=0.06,
+    thickness_m=0.003,
+    young_pa=5e4,
+    poisson=0.1,
+    damping_s=0.02,
+    radius_m=0.006,
+    friction=0.2,
+    rgb=_GOWN_RGB,
+)
+"""Assumptions: 0.35 kg/m², as terry. Bending and stretching are those of a padded garment that keeps its shape in large
+folds; finer folds need more vertices."""
+
+
+def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+    """A hoop of rods through the held vertices, and a handle."""
+    add_holds(body, GOWN)
+    rim = GOWN.start[list(HELD)]
+    for number, (begin, end) in enumerate(pairwise(rim)):
+        add_collision(
+            body, f"hoop_{number}", CAPSULE, collision_bits.TOOL,
+            fromto=[*begin, *end], size=[_HOOP_RADIUS_M, 0, 0], mass=0.01,
+        )  # fmt: skip
+    nearest = float(rim[:, 0].min())
+    middle = [nearest - 0.5 * _HANDLE_M, 0.0, 0.0]
+    size = [0.5 * _HANDLE_M, _HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M]
+    add_collision(body, "handle", BOX, collision_bits.TOOL, pos=middle, size=size, mass=0.03)
+    if appearance:
+        plastic = add_material(spec, "hoop", _HOOP_RGB, roughness=0.4)
+        add_visual(body, BOX, plastic, pos=middle, size=size)
+        for begin, end in pairwise(rim):
+            add_visual(body, CAPSULE, plastic, fromto=[*begin, *end], size=[_HOOP_RADIUS_M, 0, 0])
+
+
+SLEEVE = Tool(
+    "sleeve",
+    _build,
+    grip_pos=(float(GOWN.start[list(HELD), 0].min()) - _GRIP_ON_HANDLE_M, 0.0, 0.0),
+    particles=None,
+    cloth=GOWN,
+    grip=WASHCLOTH.name,
+)

@@ -1,0 +1,106 @@
+"""Experts for dressing: draw the opening along the arm, from before the hand to the shoulder.
+
+The target depends on the present state only. The opening faces along the arm; its direction changes gradually at wrist
+and elbow. The hand holds it from outside.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.transforms import norm
+from avrgym.simulation.worlds import State
+from avrgym.tasks.dressing.reward import SHOULDER_REACH_M, ArmPath, arm_path, is_dressed
+from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, ToolTarget
+from avrgym.tasks.experts.motion_planner import MotionPlanner
+from avrgym.tasks.task import RunningEpisodes, TaskState
+
+HELD_FROM_W = np.array([0.985, 0.0, -0.174])
+"""Side of the arm from which the hand holds the opening: from outside, and 10° from below. From there robots reach the
+whole arm."""
+BEND_M = 0.06
+"""Distance from wrist and elbow over which the direction of the opening changes."""
+LOOKAHEAD_M = 0.05
+CENTRED_M, LATERAL_GAIN = 0.03, 1.5
+"""The opening advances onto the hand while its centre is within this distance of the arm's axis. Before the hand it
+waits further back by this factor of the excess."""
+DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
+COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 8.0
+"""The speed falls from full to zero between these forces on the person."""
+PAST_SHOULDER_M = 0.04
+"""Distance of the hoop past the place at which the arm is dressed: the free half of the opening follows."""
+
+
+class Along(NamedTuple):
+    """A tool on the way along the arm: its distance from the hand's centre (N,), negative before the hand, and its
+    offset (N, 3) from the arm's axis."""
+
+    at_m: FloatArray
+    offset_w: FloatArray
+
+
+def opening_rotation(along_w: FloatArray) -> FloatArray:
+    """Rotations (..., 4) of an opening that is drawn in directions (..., 3), held from outside."""
+    xp = namespace(along_w)
+    side = constant_like(HELD_FROM_W, along_w)
+    across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
+    x = -transforms.normalize(across)
+    return transforms.from_matrix(xp.stack([x, along_w, transforms.cross(x, along_w)], axis=-1))
+
+
+def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
+    """Next pose of the opening on its way along the arm; it stays where the arm is dressed."""
+    path = arm_path(state)
+    end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
+    here = _along(planner.pos_w, path)
+    beside_m = norm(here.offset_w)
+    wait_m = -BEND_M - LATERAL_GAIN * np.maximum(beside_m - CENTRED_M, 0.0)
+    before = here.at_m < 0.0
+    limit_m = np.where(before & (beside_m > CENTRED_M), wait_m, end_m)
+    ahead_m = np.minimum(here.at_m + LOOKAHEAD_M, limit_m)
+    place_w, _ = _at(path, ahead_m)
+    _, along_w = _at(path, here.at_m)
+    force_share = np.clip((MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N), 0.0, 1.0)
+    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m)) * force_share
+    speed = np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, SLOWEST_M_S * force_share))
+    speed = np.where(is_dressed(task_state), 0.0, speed)
+    return place_w, opening_rotation(along_w), speed
+
+
+def _along(pos_w: FloatArray, path: ArmPath) -> Along:
+    """Where positions (N, 3) are along the arm; the first section continues before the hand."""
+    ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
+    low = np.where(np.arange(3) == 0, -np.inf, 0.0)
+    inside_m = np.minimum(np.maximum(ahead_m, low), path.length_m)
+    offset_w = pos_w[:, None] - path.begin_w - inside_m[..., None] * path.along_w
+    row, section = np.arange(len(pos_w)), norm(offset_w).argmin(axis=-1)
+    at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
+    return Along(at_m, offset_w[row, section])
+
+
+def _at(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points and directions (N, 3) along the arm; directions change gradually at wrist and elbow."""
+    start_m = path.end_m - path.length_m
+    low = np.where(np.arange(3) == 0, -np.inf, 0.0)
+    part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)
+    place_w = path.begin_w[:, 0] + (part_m[..., None] * path.along_w).sum(axis=1)
+    share = np.clip((at_m[:, None] - path.end_m[:, :2]) / (2.0 * BEND_M) + 0.5, 0.0, 1.0)[..., None]
+    along_w = path.along_w[:, 0] + (share * (path.along_w[:, 1:] - path.along_w[:, :-1])).sum(axis=1)
+    return place_w, transforms.normalize(along_w)
+
+
+class DressingExpert:
+    """Draws the sleeve along the arm, and continues from the servo targets."""
+
+    def __init__(self, episodes: RunningEpisodes) -> None:
+        """Begin at the present joint angles."""
+        self._episodes, self._planner = episodes, MotionPlanner(episodes)
+
+    def __call__(self, observation: FloatArray) -> FloatArray:
+        """Actions (N, J)."""
+        state, task_state = self._episodes.state(), self._episodes.task_state
+        pos_w, q_w, speed = drawing_target(state, task_state, self._planner)
+        return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)

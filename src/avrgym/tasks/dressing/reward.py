@@ -1,0 +1,163 @@
+"""Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
+
+The arm is a path from the centre of the hand over wrist and elbow to the shoulder. The opening of the sleeve has passed
+a point of the path if its rim winds around the arm there. As in Assistive Gym, reward grows with the length of the arm
+that is covered, and falls with the forces on the person.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.geometry import elementary, transforms
+from avrgym.geometry.arrays import constant_like, namespace, row_indices
+from avrgym.geometry.transforms import norm
+from avrgym.models import human
+from avrgym.models.human import People
+from avrgym.models.sleeve import AROUND
+from avrgym.simulation.worlds import State
+from avrgym.tasks.person import force_above_limit
+from avrgym.tasks.task import StepResult
+
+SHOULDER_REACH_M = 0.12
+"""Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed. Closer, the inner
+side of the opening meets the torso, whose surface is about 0.1 m from the joint."""
+
+PLACES = ("wrist", "elbow", "shoulder")
+"""Places that the opening passes."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "action_squared": -0.01,
+    "newly_dressed_m": 200.0,
+    "tool_speed_m_s": -0.25,
+    "force_elsewhere_n": -0.01,
+    "cloth_force_n": -0.01,
+    "strong_cloth_force_n": -0.05,
+}
+"""Task weights, then preference weights, as in the other tasks. The whole arm is worth about 100."""
+
+_GEOMS = list(human.GEOMS)
+HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
+    _GEOMS.index(name) for name in ("left_hand", "left_forearm", "left_upper_arm")
+)
+
+
+@dataclass(frozen=True)
+class DressingState:
+    """Dressing so far: ``dressed_m`` (N,), the largest length of the arm in the sleeve, and ``passed`` (N,), the number
+    of places that the opening has passed: wrist, elbow, shoulder."""
+
+    dressed_m: FloatArray
+    passed: IntArray
+
+
+class ArmPath(NamedTuple):
+    """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
+
+    ``begin_w`` and directions ``along_w`` (N, 3, 3), lengths ``length_m`` and distances of their ends from the hand's
+    centre ``end_m`` (N, 3).
+    """
+
+    begin_w: FloatArray
+    along_w: FloatArray
+    length_m: FloatArray
+    end_m: FloatArray
+
+
+class Opening(NamedTuple):
+    """The opening on the arm: its centre (N, 3), the nearest section of the arm (N,), the distance of the nearest point
+    from the hand's centre along the arm (N,), and whether the rim winds around the arm there (N,)."""
+
+    centre_w: FloatArray
+    section: IntArray
+    along_m: FloatArray
+    around: BoolArray
+
+
+def init_state(people: People, uniforms: FloatArray) -> DressingState:
+    """Nothing is dressed."""
+    xp, first = namespace(uniforms), uniforms[:, 0]
+    return DressingState(xp.zeros_like(first), xp.zeros_like(xp.astype(first, xp.int64)))
+
+
+def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -> StepResult:
+    """Forces elsewhere are those of the robot's links and of the hoop."""
+    xp, path = namespace(state.tool_pos_w), arm_path(state)
+    opening = opening_on_arm(state, path)
+    dressed_m = xp.where(opening.around, opening.along_m, 0.0)
+    most_m = xp.maximum(dressed_m, task_state.dressed_m)
+    places_m = path.end_m - constant_like(np.array([0.0, 0.0, SHOULDER_REACH_M]), most_m)
+    passed = xp.astype((most_m[:, None] >= places_m).sum(axis=-1), xp.int64)
+    passed = xp.maximum(passed, task_state.passed)
+    to_hand_m = norm(opening.centre_w - path.begin_w[:, 0])
+    distance_m = path.end_m[:, 2] - dressed_m + xp.where(opening.around, 0.0, to_hand_m)
+    terms = {
+        "distance_m": distance_m,
+        "action_squared": (action * action).sum(axis=-1),
+        "newly_dressed_m": most_m - task_state.dressed_m,
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "force_elsewhere_n": xp.maximum(state.total_force_n - state.cloth_force_n, 0.0),
+        "cloth_force_n": state.cloth_force_n,
+        "strong_cloth_force_n": force_above_limit(state.cloth_force_n),
+    }
+    nothing = xp.zeros((len(distance_m), 0), dtype=xp.bool, device=distance_m.device)
+    after = DressingState(most_m, passed)
+    return StepResult(
+        after, terms, distance_m, state.total_force_n, is_dressed(after), passed - task_state.passed, nothing
+    )
+
+
+def is_dressed(task_state: DressingState) -> BoolArray:
+    """Whether the opening has reached the shoulder (N,)."""
+    return task_state.passed == len(PLACES)
+
+
+def arm_path(state: State) -> ArmPath:
+    """The left arms."""
+    segments_w, xp = state.person_segment_w, namespace(state.person_segment_w)
+    points_w = xp.stack(
+        [
+            segments_w[:, HAND_GEOM, 0],
+            segments_w[:, FOREARM_GEOM, 0],
+            segments_w[:, UPPER_ARM_GEOM, 0],
+            segments_w[:, UPPER_ARM_GEOM, 1],
+        ],
+        axis=1,
+    )
+    way = points_w[:, 1:] - points_w[:, :-1]
+    length_m = norm(way)
+    return ArmPath(
+        points_w[:, :-1], way / length_m[..., None], length_m, xp.cumulative_sum(length_m, axis=-1)
+    )
+
+
+def opening_on_arm(state: State, path: ArmPath) -> Opening:
+    """The openings on the arms: the section nearest to the centre counts."""
+    xp, rim_w = namespace(state.cloth_pos_w), state.cloth_pos_w[:, :AROUND]
+    centre_w = rim_w.mean(axis=1)
+    ahead_m = ((centre_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
+    inside_m = xp.minimum(xp.maximum(ahead_m, xp.zeros_like(ahead_m)), path.length_m)
+    nearest_w = path.begin_w + inside_m[..., None] * path.along_w
+    section = norm(centre_w[:, None] - nearest_w).argmin(axis=-1)
+    row = row_indices(section)
+    along_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
+    around = winds_around(rim_w, nearest_w[row, section], path.along_w[row, section])
+    return Opening(centre_w, section, along_m, around & (ahead_m[:, 0] > 0.0))
+
+
+def winds_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
+    """Whether closed lines (N, R, 3) wind around axes through points (N, 3) with unit directions (N, 3)."""
+    xp, offset = namespace(rim_w), rim_w - point_w[:, None]
+    across = offset[:, 0] - (offset[:, 0] * axis_w).sum(axis=-1)[:, None] * axis_w
+    first = across / xp.maximum(norm(across), 1e-9)[:, None]
+    second = transforms.cross(axis_w, first)
+    angle = elementary.arctan2(
+        (offset * second[:, None]).sum(axis=-1), (offset * first[:, None]).sum(axis=-1)
+    )
+    turn = xp.concat([angle[:, 1:], angle[:, :1]], axis=1) - angle
+    turn = turn - 2.0 * np.pi * xp.round(turn / (2.0 * np.pi))
+    return xp.abs(turn.sum(axis=-1)) > np.pi

@@ -1,0 +1,106 @@
+"""Dressing: scene, initial states, observation and the task record."""
+
+from functools import partial
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.geometry.arrays import namespace
+from avrgym.models import human
+from avrgym.models.human import JOINTS, People
+from avrgym.models.robot import Robot
+from avrgym.models.scene import SceneConfig
+from avrgym.models.sleeve import SLEEVE
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import placement
+from avrgym.tasks.dressing.expert import DressingExpert, drawing_target, opening_rotation
+from avrgym.tasks.dressing.reward import (
+    FOREARM_GEOM,
+    SHOULDER_REACH_M,
+    UPPER_ARM_GEOM,
+    WEIGHTS,
+    evaluate_step,
+    init_state,
+)
+from avrgym.tasks.experts.feedback import FeedbackExpert
+from avrgym.tasks.observation import EntryFunction, Observation, position
+from avrgym.tasks.task import Task, View, Views
+
+LEFT_ARM = ("left_upper_arm", "left_forearm", "left_hand")
+POSE = Pose(
+    rest_rad=human.joint_angles(left_shoulder_y=-30.0, left_shoulder_x=-70.0, left_elbow_x=-15.0),
+    spread_rad=np.radians([5.0 if joint.body in LEFT_ARM[:2] else 0.0 for joint in JOINTS.values()]),
+)
+"""Seated, the left arm held out to the front and side, each joint of shoulder and elbow within ±5°."""
+START_BEFORE_HAND_M, START_SPREAD_M = 0.14, 0.03
+"""Distance of the opening's centre before the hand's centre, and its random offset."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """A wheelchair; the robot is on the person's left and holds the sleeve."""
+    return placement.wheelchair_scene(robot, "right", SLEEVE, (0.1, 0.0), on_left=True)
+
+
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+    """Opening within ±3 cm of a point before the hand. The goals are openings at wrist, elbow and shoulder."""
+    xp = namespace(uniforms)
+    shoulder_w, elbow_w, wrist_w = (_left_arm_w(people, name) for name in LEFT_ARM)
+    forearm_w, upper_arm_w = (
+        transforms.normalize(end - begin) for begin, end in ((wrist_w, elbow_w), (elbow_w, shoulder_w))
+    )
+    hand_w = wrist_w - human.layout_of(people).geom_size["left_hand"][:, :1] * forearm_w
+    offset = START_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    forearm_q, upper_arm_q = opening_rotation(forearm_w), opening_rotation(upper_arm_w)
+    goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)
+    goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
+    tool_w = hand_w - START_BEFORE_HAND_M * forearm_w + offset
+    return placement.placed_start(scene, people, {}, tool_w, forearm_q, goals, goals_q, uniforms[:, 3:])
+
+
+def _left_arm_w(people: People, body: str) -> FloatArray:
+    """Origin (n, 3) of a body of the left arm of seated people; world frame."""
+    return human.body_frames(people, bodies=(body,))[0][body]
+
+
+def _left_arm_from_torso(geom: int, end: int) -> EntryFunction:
+    return lambda state, _: state.person_segment_w[:, geom, end] - state.robot_pos_w
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Opening, both arms, and the force of the cloth."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            seen.joint_positions(scene),
+            position("shoulder_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 1)),
+            position("elbow_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 0)),
+            position("wrist_from_torso_m", _left_arm_from_torso(FOREARM_GEOM, 0)),
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+DRESSING = Task(
+    name="Dressing",
+    goal="Get your left arm dressed.",
+    pose=POSE,
+    offered="nothing",
+    scene=scene,
+    num_uniforms=3 + placement.NUM_UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=DressingExpert,
+    feedback_expert=partial(FeedbackExpert, target=drawing_target),
+    views=Views(
+        mounted=View((0.22, -0.25, 0.92), 1.75, 125.0, -24.0),
+        on_floor=View((0.35, -0.25, 0.90), 2.3, 105.0, -26.0),
+    ),
+    tracked=("head", "left"),
+)
