@@ -382,6 +382,12 @@ def export(
         bool,
         typer.Option("--health-data", help="Also export answers about functioning and assistive devices."),
     ] = False,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="For hdf5 and lerobot: images of a camera, such as wrist or scene:128x96:rgb+depth. Repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Export a study's data, pseudonymised.
 
@@ -403,6 +409,7 @@ def export(
             out,
             skip_damaged=skip_damaged,
             extras=Extras(free_text, health),
+            cameras=camera or (),
             progress=bar.show,
             tell=left_out.append,
         )

@@ -197,7 +197,7 @@ class VisualConfiguration(TrainingConfiguration):
     """
 
     people: str = REVISED
-    steps: int = 32_768
+    steps: int = 20_480
     num_envs: int = 128
     threads: int = 1
     teacher: str = "revised"

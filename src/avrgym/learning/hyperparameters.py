@@ -214,7 +214,7 @@ class Visual:
     """Weight of the squared error of actions, relative to the error of normalised estimates."""
     batch_size: int = 128
     gradient_steps: int = 500
-    last_gradient_steps: int = 6000
+    last_gradient_steps: int = 4000
     """Minibatches after a round, and after the last one."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3

@@ -10,6 +10,7 @@ from avrgym.models.human import JOINTS
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, Physics
+from avrgym.recording.world import recorded_world
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
 from avrgym.system.used_plugins import differences
 from avrgym.tasks.constants import WORLD_VERSION
@@ -67,9 +68,9 @@ class Playback:
         self.recording = recording
         _check_world_version(recording)
         try:
-            self.episodes = _episodes(recording.configuration, by_region)
+            self.episodes = recorded_world(recording.configuration, by_region=by_region)
             _check_names(recording.configuration, self.episodes)
-        except ReplayError as error:
+        except ValueError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
         self._loop = self.episodes.loop
         self._action: FloatArray | None = None
@@ -231,26 +232,6 @@ def _check_world_version(recording: Recording) -> None:
             f"it was made in version {version} of the simulated world; this release steps version {WORLD_VERSION}: "
             f"{version_text(recording)}"
         )
-
-
-def _episodes(configuration: Configuration, by_region: bool) -> Episodes:
-    try:
-        person = configuration.start_person
-        episodes = Episodes(
-            configuration.environment,
-            1,
-            person=person,
-            moving=True,
-            num_threads=1,
-            by_region=by_region,
-            settings=configuration.settings,
-        )
-        episodes.reset_to_start(configuration.start)
-    except KeyError as error:
-        raise ReplayError(f"its start lacks {error}") from error
-    except (TypeError, ValueError) as error:
-        raise ReplayError(f"its world cannot be made: {error}") from error
-    return episodes
 
 
 def _check_names(configuration: Configuration, episodes: Episodes) -> None:

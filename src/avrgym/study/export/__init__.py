@@ -22,6 +22,8 @@ FORMATS: Mapping[str, str] = {
 """The module that writes each format."""
 WITH_RECORDS = ("csv", "bids")
 """Formats with events and texts of experimenters. The others contain only trials."""
+WITH_IMAGES = ("hdf5", "lerobot")
+"""Formats that can contain the images of cameras."""
 LEFT_OUT = "left_out.csv"
 """The table of recordings that the export lacks."""
 Write = Callable[..., None]
@@ -40,6 +42,7 @@ def export_study(
     *,
     skip_damaged: bool = False,
     extras: Extras = NO_EXTRAS,
+    cameras: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> int:
@@ -52,6 +55,7 @@ def export_study(
         data_format: one of ``FORMATS``.
         out: the folder.
         extras: data that are exported only on request.
+        cameras: cameras of each control step, such as ``wrist:128x96:rgb+depth``, rendered from the recorded states.
         skip_damaged: leave out damaged and missing recordings, and list them in ``left_out.csv``.
         progress: called after each recording with the number verified and the total.
         tell: called with each recording that is left out, and the reason.
@@ -60,8 +64,9 @@ def export_study(
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, extras that the format cannot contain, a folder that is not empty, a
-            damaged or missing recording, or a missing extra ``export``.
+        StudyError: for an unknown format, extras or cameras that the format cannot contain, an unknown camera, a
+            folder that is not empty, a damaged or missing recording, or a missing extra ``export``.
+        RuntimeError: if nothing can be rendered.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
@@ -69,11 +74,15 @@ def export_study(
         raise StudyError(
             f"{data_format} cannot contain free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
         )
+    if cameras and data_format not in WITH_IMAGES:
+        raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(WITH_IMAGES)}")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} is not empty; choose another folder")
     write = _writer(data_format)
     if data_format in WITH_RECORDS:
         write = partial(write, extras=extras)
+    if cameras:
+        write = partial(write, cameras=cameras)
     sound, left_out = verified(list(completed_attempts(store)), progress)
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))

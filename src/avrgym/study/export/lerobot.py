@@ -1,8 +1,10 @@
 """A study as LeRobot datasets, format v3.0, one for each environment, without video.
 
-https://huggingface.co/docs/lerobot/lerobot-dataset-v3 describes it.
+https://huggingface.co/docs/lerobot/lerobot-dataset-v3 describes it. Colour images are PNG files in the table, of the
+format's type ``image``; depth and segmentation are arrays.
 """
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from PIL import Image
 
 from avrgym.array_types import NumpyArray
 from avrgym.robots.registry import find_robot
@@ -26,17 +29,20 @@ FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Quantiles by the format's names. Policies with quantile normalisation need q01 and q99."""
+IMAGES = "observation.images"
 Columns = Mapping[str, NumpyArray]
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+def write(
+    store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
+) -> None:
     """Write the datasets of completed attempts into a folder."""
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in scenes(completed).items():
-        _write_dataset(attempts, folder / scene)
+        _write_dataset(attempts, folder / scene, cameras)
 
 
-def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str]) -> None:
     for place in ("data/chunk-000", "meta/episodes/chunk-000"):
         (folder / place).mkdir(parents=True)
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
@@ -45,7 +51,7 @@ def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     rows: list[dict[str, Any]] = []
     start = 0
     for number, exported in enumerate(attempts):
-        columns = _columns(exported, number, start, tasks.index(_task(exported)))
+        columns = _columns(exported, number, start, tasks.index(_task(exported)), cameras)
         length = len(columns["index"])
         episodes.append(columns)
         rows.append(_episode(exported, columns, number, start, length))
@@ -62,7 +68,9 @@ def _task(exported: ExportedAttempt) -> str:
     return f"The {exported.trial.robot} helps a person: {exported.trial.task}."
 
 
-def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> Columns:
+def _columns(
+    exported: ExportedAttempt, episode: int, start: int, task: int, cameras: Sequence[str]
+) -> Columns:
     """The frames of one trial by feature, each (steps,) or (steps, size)."""
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
@@ -78,6 +86,7 @@ def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> 
         "episode_index": np.full(len(steps), episode),
         "index": start + numbers,
         "task_index": np.full(len(steps), task),
+        **{f"{IMAGES}.{name}": images for name, images in exported.images(cameras).items()},
     }
 
 
@@ -112,6 +121,8 @@ def statistics(values: NumpyArray) -> dict[str, list[float]]:
 
     Quantiles of a data set are those of its frames. Averages of the episodes' quantiles would be too narrow.
     """
+    if values.ndim > 2:
+        return _image_statistics(values)
     numbers = values.reshape(len(values), -1).astype(np.float64)
     return {
         "min": numbers.min(axis=0).tolist(),
@@ -123,10 +134,42 @@ def statistics(values: NumpyArray) -> dict[str, list[float]]:
     }
 
 
+def _image_statistics(images: NumpyArray) -> dict[str, Any]:
+    """The statistics of images (frames, H, W) or (frames, H, W, 3) by channel, as nested lists (channels, 1, 1).
+
+    Colours are from 0 to 1, as in LeRobot.
+    """
+    scale = 255.0 if images.dtype == np.uint8 else 1.0
+    channels = images.reshape(-1, images.shape[3] if images.ndim == 4 else 1) / scale
+    values = {
+        "min": channels.min(axis=0),
+        "max": channels.max(axis=0),
+        "mean": channels.mean(axis=0),
+        "std": channels.std(axis=0),
+        **{name: np.quantile(channels, share, axis=0) for name, share in QUANTILES.items()},
+    }
+    return {name: value[:, None, None].tolist() for name, value in values.items()} | {"count": [len(images)]}
+
+
 def _arrow(values: NumpyArray) -> pa.Array:
     if values.ndim == 1:
         return pa.array(values)
+    if values.ndim == 4:
+        return pa.array([{"bytes": _png(image), "path": None} for image in values], IMAGE_TYPE)
+    if values.ndim == 3:
+        rows = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[2])
+        return pa.FixedSizeListArray.from_arrays(rows, values.shape[1])
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+"""The type of images in tables of Hugging Face."""
+
+
+def _png(image: NumpyArray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "PNG")
+    return file.getvalue()
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
@@ -167,6 +210,8 @@ def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> di
 
 def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
     shape = list(values.shape[1:]) or [1]
+    if values.ndim == 4:
+        return {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
     fit = names is not None and len(names) == shape[0]
     return {"dtype": values.dtype.name, "shape": shape, "names": list(names) if names and fit else None}
 

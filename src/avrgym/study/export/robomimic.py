@@ -25,15 +25,17 @@ ENV_MODULE = "old_gym"
 OBSERVATION, ALSO = "observation", "flat"
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+def write(
+    store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
+) -> None:
     """Write the files of completed attempts into a folder."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in scenes(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
-            _write_file(file, attempts)
+            _write_file(file, attempts, cameras)
 
 
-def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
+def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: Sequence[str]) -> None:
     data = file.create_group("data")
     environment = attempts[0].trial.environment
     data.attrs["env_args"] = json.dumps(
@@ -41,7 +43,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
     )
     data.attrs["notice"] = NOTICE
     data.attrs["total"] = sum(
-        _write_demonstration(data.create_group(f"demo_{number}"), exported)
+        _write_demonstration(data.create_group(f"demo_{number}"), exported, cameras)
         for number, exported in enumerate(attempts)
     )
     for name, chosen in _masks(attempts).items():
@@ -70,7 +72,7 @@ def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
     }
 
 
-def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
+def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: Sequence[str]) -> int:
     """Write one trial; returns the number of samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
@@ -84,6 +86,9 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
     group["success"] = np.array([control.success for control in steps])
     group[f"obs/{OBSERVATION}"] = observations
     group[f"next_obs/{OBSERVATION}"] = np.concatenate([observations[1:], observations[-1:]])
+    for name, images in exported.images(cameras).items():
+        group[f"obs/{name}"] = images
+        group[f"next_obs/{name}"] = np.concatenate([images[1:], images[-1:]])
     for place in ("obs", "next_obs"):
         group[f"{place}/{ALSO}"] = group[f"{place}/{OBSERVATION}"]
     return len(steps)

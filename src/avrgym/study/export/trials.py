@@ -3,6 +3,10 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from avrgym.array_types import NumpyArray
+from avrgym.models.cameras import as_cameras, image_entries
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
     Recording,
@@ -11,6 +15,8 @@ from avrgym.recording.reader import (
     read_recording,
 )
 from avrgym.recording.schema import Control
+from avrgym.recording.world import recorded_images
+from avrgym.robots.registry import find_robot
 from avrgym.study.export.rows import AnswerLabels, AnswerRow, AttemptLabels
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
@@ -77,6 +83,22 @@ class ExportedAttempt:
     def control_steps(self) -> list[tuple[float, Control]]:
         """The control steps with their times in seconds; raises the errors of ``read_whole``."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
+
+    def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
+        """Images (steps, ...) of cameras at the start of each control step, by entry, from the recorded states.
+
+        Raises:
+            StudyError: for a camera that the robot does not have, and where the states cannot be rendered.
+            RuntimeError: if no graphics library renders here.
+        """
+        if not cameras:
+            return {}
+        try:
+            chosen = as_cameras(cameras, find_robot(self.trial.robot))
+            frames = [*recorded_images(self.read_whole(), chosen)]
+        except ValueError as error:
+            raise StudyError(f"{self.attempt.recording}: {error}") from error
+        return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
 
     def labels(self) -> AttemptLabels:
         """The labels that identify this attempt in tables."""
