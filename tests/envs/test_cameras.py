@@ -45,6 +45,7 @@ def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):
             assert all(np.ptp(image) > 0 for image in observed.values())
             action = plain.action_space.sample()
             expected, observed = plain.step(action)[0], seeing.step(action)[0]
+    assert isinstance(observed, dict)
     seen = np.unique(observed[f"{SCENE}_segmentation"])
     assert {"person", "robot", "furniture"} <= {LABELS[number] for number in seen}
     seeing.close()
@@ -54,6 +55,7 @@ def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):
 def test_an_environment_with_cameras_follows_gymnasium():
     env = gym.make(FEEDING, cameras=["wrist", {"name": "scene", "kinds": ["depth"], "fovy_deg": 60.0}])
     check_env(env.unwrapped, skip_render_check=True)
+    assert env.spec is not None
     same = gym.make(EnvSpec.from_json(env.spec.to_json()))
     first, again = env.reset(seed=3)[0], same.reset(seed=3)[0]
     assert list(first) == ["state", "wrist_rgb", "scene_depth"]
@@ -76,6 +78,7 @@ def test_many_worlds_see_what_each_alone_sees(mode: str):
     for _ in range(4):
         (own, own_infos), (expected, infos) = outcomes
         assert isinstance(own, dict)
+        assert isinstance(expected, dict)
         for name, values in expected.items():
             assert_array_equal(own[name], values)
         assert ("final_obs" in own_infos) == ("final_obs" in infos)

@@ -72,7 +72,8 @@ def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Polic
     assert read.metadata == policy.metadata
     assert read.digest == policy.digest
     rows, image = observed
-    assert_array_equal(*(each.step(rows, np.zeros((4, 0)), image)[0] for each in (read, policy)))
+    again, expected = (each.step(rows, np.zeros((4, 0)), image)[0] for each in (read, policy))
+    assert_array_equal(again, expected)
     with pytest.raises(PolicyError, match=f"this policy needs images of the camera {CAMERA}"):
         read.step(rows, np.zeros((4, 0)))
 
