@@ -8,18 +8,39 @@ import msgspec
 import numpy as np
 import pytest
 
+from avrgym.models.collision_bits import FURNITURE
+from avrgym.models.human import BODIES, PREFIX, Person
 from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
 from avrgym.policies import registry
 from avrgym.policies.trained import PolicyError
+from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.system import random_streams
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, task_and_scene
 from avrgym.tasks.settings import CONTROL_RATES_HZ, DEFAULTS, Settings, as_settings, parse_settings
 
 FEEDING = "avrgym/FeedingJaco-v1"
-CHANGED: Mapping[str, Any] = {"control_hz": 20, "tool": "large", "particles": 5}
+CHANGED: Mapping[str, Any] = {
+    "control_hz": 20,
+    "tool": "large",
+    "particles": 5,
+    "robot_pose": [-0.8, -0.4, 10.0],
+    "torso_height_m": [0.5, 0.6],
+    "body_mass_kg": 90.0,
+    "range_share": 0.7,
+    "standing_by": [["PR2", 1.5, -1.0, 90.0]],
+}
 """A changed value of each setting."""
-IMPOSSIBLE: Mapping[str, Any] = {"control_hz": 7, "tool": "fork", "particles": 0}
+IMPOSSIBLE: Mapping[str, Any] = {
+    "control_hz": 7,
+    "tool": "fork",
+    "particles": 0,
+    "robot_pose": [9.0, 0.0, 0.0],
+    "torso_height_m": [0.6, 0.5],
+    "body_mass_kg": 5.0,
+    "range_share": 1.5,
+    "standing_by": [["R2D2", 0.0, 0.0, 0.0]],
+}
 
 
 def test_every_setting_has_an_example() -> None:
@@ -36,7 +57,7 @@ def test_settings_survive_storage(name: str) -> None:
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_setting_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=name):
+    with pytest.raises(ValueError, match=f"{name}|unknown robot 'R2D2'"):
         task_and_scene(FEEDING, as_settings({name: IMPOSSIBLE[name]}))
 
 
@@ -182,6 +203,67 @@ def test_worlds_of_the_same_settings_share_a_scene(task: str) -> None:
         task_and_scene(environment, Settings(control_hz=20))[1]
         is task_and_scene(environment, Settings(control_hz=20))[1]
     )
+
+
+def test_a_chosen_base_replaces_the_search() -> None:
+    pose = (-0.8, -0.2, 5.0)
+    episodes = Episodes("avrgym/FeedingPR2-v1", 3, num_threads=1, settings=Settings(robot_pose=pose))
+    episodes.reset(np.arange(3), [random_streams.episode(seed) for seed in range(3)])
+    pos_w, q_w = episodes.simulation.robot_base()
+    np.testing.assert_allclose(pos_w[:, :2], [pose[:2]] * 3)
+    np.testing.assert_allclose(2.0 * np.degrees(np.arctan2(q_w[:, 3], q_w[:, 0])), pose[2])
+
+
+def test_a_base_out_of_reach_is_refused() -> None:
+    settings = Settings(robot_pose=(-3.0, 0.0, 0.0))
+    episodes = Episodes("avrgym/FeedingPR2-v1", 1, num_threads=1, settings=settings)
+    with pytest.raises(NoClearanceError, match="the arm does not reach"):
+        episodes.reset(np.array([0]), [random_streams.episode(0)])
+
+
+def test_drawn_people_have_the_heights_and_ranges_of_the_settings() -> None:
+    settings = Settings(torso_height_m=(0.61, 0.62), range_share=0.6)
+    episodes = Episodes(FEEDING, 8, people="revised", num_threads=1, settings=settings)
+    episodes.reset(np.arange(8), [random_streams.episode(seed) for seed in range(8)])
+    heights = episodes.people.torso_height_m
+    assert (heights >= 0.61).all()
+    assert (heights <= 0.62).all()
+    assert (episodes.people.range_share == 0.6).all()
+    for name in ("torso_height_m", "range_share"):
+        with pytest.raises(ValueError, match=f"a fixed person has their own {name}"):
+            Episodes(FEEDING, 1, person=Person(), settings=as_settings({name: CHANGED[name]}))
+
+
+@pytest.mark.parametrize("people", ["original", "participants"])
+def test_everybody_has_the_mass_of_the_settings(people: str) -> None:
+    episodes = Episodes(FEEDING, 2, people=people, num_threads=1, settings=Settings(body_mass_kg=90.0))
+    episodes.reset(np.arange(2), [random_streams.episode(seed) for seed in range(2)])
+    model = episodes.simulation.batch.get_model(1)
+    person = [model.body(PREFIX + name).id for name in BODIES]
+    assert model.body_mass[person].sum() == pytest.approx(90.0)
+
+
+@pytest.mark.slow
+def test_robots_standing_by_are_obstacles_that_do_not_move() -> None:
+    place = (1.5, -1.0)
+    settings = Settings(standing_by=(("PR2", *place, 90.0),))
+    episodes = Episodes(FEEDING, 1, num_threads=1, settings=settings)
+    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    model, plain = episodes.simulation.model, begun(10).simulation.model
+    assert (model.nq, model.nu) == (plain.nq, plain.nu)
+    added = [geom for geom in range(model.ngeom) if "standing_by_0" in body_of(model, geom)]
+    assert len(added) == model.ngeom - plain.ngeom > 10
+    assert {int(model.geom_contype[geom]) for geom in added} == {FURNITURE.contype}
+    base = next(name for name in episodes.simulation.bodies if name.startswith("standing_by_0/"))
+    pose = episodes.simulation.body_poses(0)[episodes.simulation.bodies.index(base)]
+    np.testing.assert_allclose(pose[:2], place)
+    crowded = Episodes(FEEDING, 1, settings=Settings(standing_by=(("PR2", -0.4, -0.5, 0.0),)))
+    with pytest.raises(NoClearanceError):
+        crowded.reset(np.array([0]), [random_streams.episode(0)])
+
+
+def body_of(model: Any, geom: int) -> str:
+    return model.body(model.geom_bodyid[geom]).name
 
 
 class Constant:

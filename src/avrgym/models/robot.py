@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
+from avrgym.models.collision_bits import CollisionBits
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
@@ -195,6 +196,32 @@ def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tupl
     return robot.arms[side], robot.mounts[place]
 
 
+def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
+    """A robot on the floor that does not move, as furniture: an obstacle for other robots, with its own appearance.
+
+    Raises:
+        ValueError: for a robot that does not stand on the floor.
+    """
+    heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.on_floor]
+    if not heights_m:
+        raise ValueError(f"{robot.name} does not stand on the floor; allowed: a robot that does")
+    positions = {
+        joint: float(value)
+        for arm in robot.arms.values()
+        for joint, value in zip(arm.joints, arm.seed_pose, strict=True)
+    }
+
+    def add(spec: mujoco.MjSpec, appearance: bool) -> None:
+        standing = robot.build(appearance)
+        _set_collision_bits(standing, collision_bits.FURNITURE, appearance)
+        fix_joints(standing, (), positions | dict(robot.fixed_joints))
+        turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(yaw_rad))
+        frame = spec.worldbody.add_frame(pos=[*place, heights_m[0]], quat=turn)
+        spec.attach(standing, prefix=f"{name}/", frame=frame)
+
+    return add
+
+
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
     """Model of a robot without a scene: collision bits, a velocity servo on each joint of the arm, other joints fixed.
 
@@ -203,13 +230,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would overshoot.
     """
     spec = robot.build(appearance)
-    for geom in list(spec.geoms):
-        if geom.group == collision_bits.VISUAL_GROUP:
-            if not appearance:
-                spec.delete(geom)
-        else:
-            geom.contype, geom.conaffinity = collision_bits.ROBOT.contype, collision_bits.ROBOT.conaffinity
-    _delete_unused_meshes(spec)
+    _set_collision_bits(spec, collision_bits.ROBOT, appearance)
     fixed = dict(robot.fixed_joints)
     if grip is not None:
         fixed |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
@@ -231,6 +252,17 @@ def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appea
     )
     tool.build(spec, body, appearance)
     return spec
+
+
+def _set_collision_bits(spec: mujoco.MjSpec, bits: CollisionBits, appearance: bool) -> None:
+    """Set the bits of all geoms that collide, and delete those that are only visible unless they are wanted."""
+    for geom in list(spec.geoms):
+        if geom.group == collision_bits.VISUAL_GROUP:
+            if not appearance:
+                spec.delete(geom)
+        else:
+            geom.contype, geom.conaffinity = bits.contype, bits.conaffinity
+    _delete_unused_meshes(spec)
 
 
 def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:

@@ -18,6 +18,7 @@ class PersonModelFields:
     def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
         self._posture, self._moving = scene.posture, moving
+        self._body_mass_kg = scene.body_mass_kg
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
@@ -48,9 +49,9 @@ class PersonModelFields:
             rotations = human.body_rotations(people.joint_angles_rad, self._posture)
             for name, body in self._bodies.items():
                 self._body_quat[ids, body] = rotations[name]
-            self._mass[np.ix_(ids, self._ids)] = (
-                np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)[:, None] * self._mass_share
-            )
+            usual_kg = np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)
+            kg = usual_kg if self._body_mass_kg is None else np.full(len(ids), self._body_mass_kg)
+            self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
         """Set the compliance of people's contacts. Call it after ``set_const``, which computes constants."""
@@ -58,13 +59,13 @@ class PersonModelFields:
 
     def _write_dynamics(self, ids: IntArray, people: People) -> None:
         for row, world in enumerate(ids):
-            inertia = _inertia(
-                human.SEXES[int(people.is_woman[row])],
-                float(people.torso_height_m[row]),
-                float(people.arm_scale[row]),
-            )
+            sex = human.SEXES[int(people.is_woman[row])]
+            inertia = _inertia(sex, float(people.torso_height_m[row]), float(people.arm_scale[row]))
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
+            if self._body_mass_kg is not None:
+                for name in ("body_mass", "body_inertia"):
+                    self._inertia[name][world, self._ids] *= self._body_mass_kg / human.PROPORTIONS[sex].mass
         torque = compliance.person_torque_limit_n_m(
             people.strength_share[:, None] * human.TORQUE_N_M, people.tremor_rad
         )

@@ -65,7 +65,8 @@ class Start:
     """The initial state of n worlds.
 
     It consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and
-    the positions (n, 3) of the scene's movable furniture.
+    the positions (n, 3) of the scene's movable furniture. ``missed_m`` (n,) is the distance of the tool from its place,
+    if the user chose the pose of the base.
     """
 
     people: People
@@ -73,3 +74,4 @@ class Start:
     robot_q_w: FloatArray
     joint_positions: FloatArray
     placed_pos_w: Mapping[str, FloatArray]
+    missed_m: FloatArray | None = None

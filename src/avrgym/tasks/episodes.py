@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 
 EFFORT = "action_squared"
 """The reward term of the action penalty, which depends on the agent."""
+REACHED_M = 0.01
+"""Maximum distance of the tool from its place at the start, from a base pose that the user chose."""
+MAX_REACH_DRAWS = 10
+"""Maximum number of samples out of reach of such a base."""
 MAX_START_DRAWS = 100
 """Maximum number of samples until an initial state without overlapping bodies is found."""
 
@@ -114,6 +118,7 @@ class Episodes:
             impairment=impairment,
             driven=moving,
             human_actions=human_actions,
+            settings=settings,
         )
         acts_each_step = self._people.move and (self._people.need_host or on_device)
         if acts_each_step and settings.control_hz != DEFAULTS.control_hz:
@@ -155,6 +160,7 @@ class Episodes:
         )
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
+        self._missed_m = np.zeros(num_worlds)
         self.start_draws = np.zeros(num_worlds, dtype=int)
         """Number of samples (N,) until the present episodes had a valid initial state."""
         self._images: CameraImages | None = None
@@ -206,14 +212,19 @@ class Episodes:
         while len(invalid):
             self._draw(invalid, [generator_of[world] for world in invalid.tolist()])
             self.start_draws[invalid] += 1
-            conflicts = self._conflicts(invalid)
-            invalid = np.array(sorted(conflicts), dtype=np.intp)
+            conflicts, far = self._conflicts(invalid), invalid[self._missed_m[invalid] > REACHED_M]
+            for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
+                raise NoClearanceError(
+                    f"{self.environment_id}: in {MAX_REACH_DRAWS} starts the arm does not reach the place of the tool "
+                    f"from robot_pose; {self._missed_m[world]:.2f} m are missing in the last one"
+                )
+            invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
                 person = self.people.person(world)
                 raise NoClearanceError(
                     f"{self.environment_id}: none of {MAX_START_DRAWS} initial states has enough clearance "
                     f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
-                    f"in the last one {conflicts[world]}"
+                    f"in the last one {conflicts.get(world, 'the tool is out of reach')}"
                 )
         self.loop.reset(ids)
         return self.observe()[ids]
@@ -258,6 +269,7 @@ class Episodes:
 
     def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
+        self._missed_m[ids] = 0.0 if start.missed_m is None else start.missed_m
         self._start_positions[ids] = start.joint_positions
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 

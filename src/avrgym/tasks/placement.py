@@ -125,14 +125,16 @@ def placed_start(
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
         angles = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
+        missed_m = transforms.norm(kinematics.forward(chain, angles)[0] - pos) if scene.chosen_base else None
     else:
         candidates = _clear_of_furniture(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
         found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
-        angles = found.joint_positions
-    return Start(people, base_pos, base_q, angles, placed_pos_w | dict.fromkeys(_carried(mount), base_pos))
+        angles, missed_m = found.joint_positions, None
+    placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
+    return Start(people, base_pos, base_q, angles, placed, missed_m)
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:

@@ -19,6 +19,7 @@ from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.settings import DEFAULTS, Settings
 
 MAX_MEAN_DRAWS = 2.0
 """Maximum mean number of samples of an initial state: half of them may be rejected."""
@@ -67,10 +68,14 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
 
 
 @cache
-def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDrawStatistics], ...]:
+def draws_by_body(
+    environment_id: str, settings: Settings = DEFAULTS
+) -> tuple[tuple[Person, StartDrawStatistics], ...]:
     """Sample initial states next to resting people: both body models, with the smallest and the largest torso
     height."""
-    episodes = Episodes(environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1)
+    episodes = Episodes(
+        environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1, settings=settings
+    )
     return tuple(_of_bodies(episodes))
 
 

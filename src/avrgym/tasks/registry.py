@@ -3,11 +3,12 @@
 Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.robot import Robot, UnsuitableError, standing_robot
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
@@ -115,7 +116,24 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
 @lru_cache(maxsize=64)
 def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
     """The scene with settings; the same object for the same settings, because compiled models are cached by it."""
-    return scene if settings == DEFAULTS else replace(scene, control_step_s=settings.control_step_s)
+    if settings == DEFAULTS:
+        return scene
+    mount, furniture = scene.mount, [*scene.furniture]
+    if settings.robot_pose is not None:
+        x, y, yaw_deg = settings.robot_pose
+        mount = replace(mount, pos_w=(x, y, mount.pos_w[2]), yaw_rad=math.radians(yaw_deg), base_range=None)
+    for number, (name, x, y, yaw_deg) in enumerate(settings.standing_by):
+        furniture.append(
+            standing_robot(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
+        )
+    return replace(
+        scene,
+        furniture=furniture,
+        mount=mount,
+        control_step_s=settings.control_step_s,
+        chosen_base=settings.robot_pose is not None,
+        body_mass_kg=settings.body_mass_kg,
+    )
 
 
 def sizes(environment_id: str) -> tuple[int, int]:

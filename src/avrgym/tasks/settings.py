@@ -10,10 +10,14 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 from avrgym.models.scene import CONTROL_STEP_S
 
 TOOL_SETTINGS = ("tool", "particles")
 """Settings that concern the tool, which not every task has."""
+DRAWN_SETTINGS = ("torso_height_m", "range_share")
+"""Settings that concern drawn people; a fixed person and participants have their own."""
+FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """They are multiples or divisors of the rate at which people act, and divide the rate of the physics."""
 
@@ -29,9 +33,42 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     tool: Annotated[str | None, Meta(description="Size of the spoon or shape of the cup.")] = None
     particles: Annotated[int, Meta(ge=1, description="Pieces of food, or particles of water.")] | None = None
 
+    robot_pose: Annotated[
+        tuple[float, float, float] | None,
+        Meta(description="Place x, y (m) and yaw (degrees) of the robot's base, instead of the search."),
+    ] = None
+    torso_height_m: Annotated[
+        tuple[float, float] | None, Meta(description="Range of the torso heights of drawn people.")
+    ] = None
+    body_mass_kg: Annotated[float | None, Meta(description="Mass of every person.")] = None
+    range_share: Annotated[
+        float, Meta(description="Share of the joint ranges of drawn people; multiplies that of impairments.")
+    ] = 1.0
+    standing_by: Annotated[
+        tuple[tuple[str, float, float, float], ...],
+        Meta(description="Other robots, which do not move: name, place x, y (m) and yaw (degrees)."),
+    ] = ()
+
     def __post_init__(self) -> None:
         if self.control_hz not in CONTROL_RATES_HZ:
             raise _refusal("control_hz", self.control_hz, ", ".join(map(str, CONTROL_RATES_HZ)))
+        for name, poses in (
+            ("robot_pose", [self.robot_pose or (0.0, 0.0, 0.0)]),
+            ("standing_by", self.standing_by),
+        ):
+            for *_, x, y, yaw_deg in poses:
+                if not (max(abs(x), abs(y)) <= FARTHEST_M and abs(yaw_deg) <= 360.0):
+                    raise _refusal(name, (x, y, yaw_deg), f"x and y up to ±{FARTHEST_M:g} m, yaw up to ±360°")
+        low, high = self.torso_height_m or TORSO_HEIGHT_RANGE_M
+        lowest, highest = TORSO_HEIGHT_RANGE_M
+        if not lowest <= low <= high <= highest:
+            raise _refusal(
+                "torso_height_m", (low, high), f"lowest and highest, from {lowest:g} to {highest:g}"
+            )
+        for name, (lowest, highest) in (("body_mass_kg", BODY_MASS_RANGE_KG), ("range_share", RANGE_SHARES)):
+            value = getattr(self, name)
+            if value is not None and not lowest <= value <= highest:
+                raise _refusal(name, value, f"{lowest:g} to {highest:g}")
 
     @property
     def control_step_s(self) -> float:

@@ -21,6 +21,7 @@ from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.settings import DRAWN_SETTINGS, Settings
 from avrgym.tasks.task import replace_worlds
 
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
@@ -76,6 +77,7 @@ class WorldPeople:
         impairment: str,
         driven: bool,
         human_actions: bool,
+        settings: Settings,
     ) -> None:
         """Find the populations. Call ``place`` before other methods.
 
@@ -88,10 +90,18 @@ class WorldPeople:
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             driven: whether the caller moves their joints.
             human_actions: whether they execute actions.
+            settings: heights and joint ranges of drawn people.
 
         Raises:
-            ValueError: for unknown names, and for populations that do not fit the environment.
+            ValueError: for unknown names, for populations that do not fit the environment, and for settings of drawn
+                people with a fixed person.
         """
+        given = [name for name in DRAWN_SETTINGS if name in settings.changed]
+        if given and person is not None:
+            raise ValueError(
+                f"a fixed person has their own {given[0]}; allowed: leave out {given[0]}, or the person"
+            )
+        self._settings = settings
         self.person = person
         self._task, self._posture = TASKS[find_environment(environment_id)[0]], scene.posture
         self._furniture = furniture_boxes(scene.furniture)
@@ -177,7 +187,9 @@ class WorldPeople:
         for_behaviour: FloatArray,
     ) -> People:
         """Sample people (n,) of a population."""
-        distribution = population.distribution
+        distribution, heights_m = population.distribution, self._settings.torso_height_m
+        if heights_m is not None:
+            distribution = replace(distribution, torso_height_man_m=heights_m, torso_height_woman_m=heights_m)
         if self.person is not None:
             people = distributions.repeat_person(self.person, len(for_bodies))
         else:
@@ -186,7 +198,9 @@ class WorldPeople:
             )
         if distribution.partners is not None:
             people = partners.apply_partner_bodies(people, distribution.partners.draw(for_behaviour[:, :2]))
-        return impairments.apply_impairment(people, population.impairment, for_impairments)
+        people = impairments.apply_impairment(people, population.impairment, for_impairments)
+        share = self._settings.range_share
+        return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
 
     def _pose(self, population: Population) -> Pose:
         return population.distribution.pose_for_task(self._task.name, self._task.pose)

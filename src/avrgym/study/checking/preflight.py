@@ -12,6 +12,7 @@ from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.placement_check import draws_by_body
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
+from avrgym.tasks.settings import Settings
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
@@ -66,12 +67,12 @@ def check_starts(store: Store) -> Iterator[Finding]:
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
         if environment in ENVIRONMENTS:
-            yield from _check_environment(environment)
+            yield from _check_environment(environment, store.design.settings)
 
 
-def _check_environment(environment: str) -> Iterator[Finding]:
+def _check_environment(environment: str, settings: Settings) -> Iterator[Finding]:
     try:
-        drawn_starts = draws_by_body(environment)
+        drawn_starts = draws_by_body(environment, settings)
     except Exception as error:  # plug-ins may raise any exception
         yield Finding(environment, f"no start can be sampled: {type(error).__name__}: {error}")
         return

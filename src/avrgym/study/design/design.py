@@ -32,7 +32,7 @@ from avrgym.system import random_streams
 from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULTS, DRAWN_SETTINGS, Settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
@@ -211,6 +211,11 @@ def _check(design: Design, folder: Path) -> None:
                 raise ValidationError(
                     ("robots", index),
                     f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
+                )
+            drawn = [name for name in DRAWN_SETTINGS if name in design.settings.changed]
+            if drawn:
+                raise ValidationError(
+                    ("settings", drawn[0]), "participants have their own bodies; allowed: leave it out"
                 )
             try:
                 task_and_scene(environment_id(task, robot), design.settings)

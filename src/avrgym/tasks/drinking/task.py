@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like
-from avrgym.models.cup import SHAPES, WATER, cup
+from avrgym.models.cup import CUP, SHAPES, WATER, cup
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
@@ -30,7 +30,7 @@ CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the cup: upright, the pouring edge towards the person."""
 
 
-def scene(robot: Robot, tool: Tool) -> SceneConfig:
+def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
     """The scene: a wheelchair; the robot's right arm holds the cup."""
     return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 

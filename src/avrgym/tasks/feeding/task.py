@@ -11,7 +11,7 @@ from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
-from avrgym.models.spoon import spoon
+from avrgym.models.spoon import SPOON, spoon
 from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
@@ -34,7 +34,7 @@ SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the spoon: level, pointing towards the person."""
 
 
-def scene(robot: Robot, tool: Tool) -> SceneConfig:
+def scene(robot: Robot, tool: Tool = SPOON) -> SceneConfig:
     """The scene: a wheelchair and a table with a bowl; the robot's right arm holds the spoon."""
     return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
