@@ -73,7 +73,7 @@ def test_nobody_is_asked_who_does_not_measure():
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_robots_at_rest_press_nobody(environment):
     episodes = reset_episodes(environment, 2, "original", by_region=True)
-    episodes.step(np.zeros((2, 7)))
+    episodes.step(np.zeros((2, episodes.action_size)))
     assert not episodes.simulation.state().total_force_n.any()
     assert not episodes.simulation.region_force_n().any()
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
+from avrgym.policies.trained import packaged_policies
 from avrgym.safety.retreat import SPEED_M_S
 from avrgym.safety.withdrawal import MOUTH_DISTANCE_M, SETTLING_TIME_S
 from avrgym.tasks.control_loop import Step
@@ -22,8 +23,9 @@ WITHDRAWN_STEPS = 40
 BRAKED_STEPS = 3
 """Control steps within which an arm goes from the policy's speed to that of the withdrawal."""
 FEEDING = "avrgym/FeedingJaco-v1"
-ENDING = [name for name in ENVIRONMENTS if TASKS[find_environment(name)[0]].withdraws_after_success]
-GOING_ON = [name for name in ENVIRONMENTS if name not in ENDING]
+WITH_POLICIES = [name for name in ENVIRONMENTS if packaged_policies(name)]
+ENDING = [name for name in WITH_POLICIES if TASKS[find_environment(name)[0]].withdraws_after_success]
+GOING_ON = [name for name in WITH_POLICIES if name not in ENDING]
 
 
 def reset_episodes(environment: str, *, withdraws: bool, engine: str = "threads") -> Episodes:

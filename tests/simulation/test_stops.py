@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import robot
 from avrgym.models.scene import PHYSICS_STEP_S
+from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.random_stops import MAX_REBOUND_M, SLOW_M_S, stop_at_random
@@ -14,7 +15,7 @@ STOPS = 8
 
 
 @pytest.mark.fast_cases(2)
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if packaged_policies(name)])
 def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
     stops = stop_at_random(environment, STOPS, seed=7)
     assert stops.residual_speed_m_s.max() < SLOW_M_S, stops

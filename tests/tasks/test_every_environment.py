@@ -39,7 +39,7 @@ def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarr
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_number_of_threads_changes_no_bit(environment, people, rng):
     one, two = (reset_episodes(environment, 4, people=people, threads=threads) for threads in (1, 2))
-    for action in rng.uniform(-1, 1, (5, 4, 7)):
+    for action in rng.uniform(-1, 1, (5, 4, one.action_size)):
         first, second = one.step(action), two.step(action)
         assert_array_equal(first.observation, second.observation)
         assert_array_equal(first.reward, second.reward)
@@ -48,7 +48,7 @@ def test_the_number_of_threads_changes_no_bit(environment, people, rng):
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_an_episode_is_the_same_alone_and_among_64(environment, rng):
     alone, among = reset_episodes(environment, 1, first=41), reset_episodes(environment, 64)
-    assert_same_steps(alone, among, 41, rng.uniform(-1, 1, (4, 64, 7)))
+    assert_same_steps(alone, among, 41, rng.uniform(-1, 1, (4, 64, alone.action_size)))
 
 
 @pytest.mark.slow
@@ -60,7 +60,7 @@ def test_random_episodes_stay_finite_without_a_warning(environment, rng):
 @pytest.mark.parametrize("environment", CARRYING)
 def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
     episodes = reset_episodes(environment, 8)
-    held = np.zeros((8, 7))
+    held = np.zeros((8, episodes.action_size))
     for _ in range(10):
         episodes.step(held)
     low, high = on_tool(episodes).min(axis=(0, 1)), on_tool(episodes).max(axis=(0, 1))
@@ -83,7 +83,7 @@ def test_robot_and_person_do_not_pass_through_each_other(environment, rng):
     episodes = reset_episodes(environment, worlds)
     deepest = depth(episodes)
     assert deepest <= 0.001, "they begin apart"
-    for action in jerky_actions(rng, worlds, 60):
+    for action in jerky_actions(rng, worlds, 60, episodes.action_size):
         episodes.step(action)
         deepest = max(deepest, depth(episodes))
     assert deepest <= ALLOWED_DEPTH_M

@@ -24,20 +24,20 @@ def peak_forces(
     """
     episodes = reset_episodes(environment, worlds, people, impairment)
     random = np.random.default_rng(worlds)
-    constant = random.choice([-1.0, 1.0], (worlds, 7))
+    constant = random.choice([-1.0, 1.0], (worlds, episodes.action_size))
     aim = random.integers(4, size=worlds)
     peak = np.zeros(worlds)
     for _ in range(steps):
         if motion == "at the person":
             action = actions_towards(episodes, aim)
         else:
-            action = constant if motion == "constant" else random.uniform(-1.0, 1.0, (worlds, 7))
+            action = constant if motion == "constant" else random.uniform(-1.0, 1.0, constant.shape)
         peak = np.maximum(peak, episodes.step(action).force_on_person_n)
     return peak
 
 
 def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
-    """Return actions (N, 7) at full speed that move the tools towards the aimed body part."""
+    """Return actions (N, J) at full speed that move the tools towards the aimed body part."""
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w

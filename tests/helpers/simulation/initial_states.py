@@ -45,7 +45,7 @@ def reset_episodes(
 
 def first_step_forces(episodes: Episodes) -> FloatArray:
     """Return the contact forces (N,) on the people after one step with a zero action."""
-    return episodes.step(np.zeros((episodes.simulation.num_worlds, 7))).force_on_person_n
+    return episodes.step(np.zeros((episodes.simulation.num_worlds, episodes.action_size))).force_on_person_n
 
 
 def deepest_overlap_m(episodes: Episodes) -> float:

@@ -100,16 +100,16 @@ def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], FloatArray]:
-    """Return a function that returns the next actions (N, 7); worlds alternate between ``MOTIONS``."""
+    """Return a function that returns the next actions (N, J); worlds alternate between ``MOTIONS``."""
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(MOTIONS)
-    full = np.sign(rng.uniform(-1.0, 1.0, (worlds, 7)))
+    full = np.sign(rng.uniform(-1.0, 1.0, (worlds, episodes.action_size)))
     policy = load_policy("revised", episodes.environment_id, episodes.observation.size, 7)
 
     def act() -> FloatArray:
         actions = np.stack(
             [
-                rng.uniform(-1.0, 1.0, (worlds, 7)),
+                rng.uniform(-1.0, 1.0, full.shape),
                 full,
                 np.stack([_towards_person(episodes, world) for world in range(worlds)]),
                 policy.act(episodes.observe(), [rng] * worlds),
@@ -121,7 +121,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], F
 
 
 def _towards_person(episodes: Episodes, world: int) -> FloatArray:
-    """Return the action (7,) that moves the end effector fastest towards a person's torso or head."""
+    """Return the action (J,) that moves the end effector fastest towards a person's torso or head."""
     simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
     effector = model.body(robot.PREFIX + arm.end_effector).id

@@ -52,7 +52,7 @@ def compare(
     assert_same_pair(ours.reset(seed=seed), theirs.reset(seed=seed), "reset")
     ends, truncated = 0, np.zeros(WORLDS, dtype=bool)
     for number in range(steps):
-        actions = rng.uniform(-1.5, 1.5, (WORLDS, 7)).astype(np.float32)
+        actions = rng.uniform(-1.5, 1.5, ours.action_space.shape).astype(np.float32)
         mask = truncated if mode is AutoresetMode.DISABLED else np.zeros(WORLDS, dtype=bool)
         if rng.random() < 0.15:
             mask = mask | (rng.random(WORLDS) < 0.5)

@@ -46,16 +46,16 @@ def resting_state(**changes: Any) -> State:
     return replace(plain, **changes)
 
 
-def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
+def jerky_actions(rng: np.random.Generator, worlds: int, steps: int, joints: int = 7) -> np.ndarray:
     """Return actions at full speed that change direction at random every 0.5 s."""
-    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
+    signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, joints)))
     return np.repeat(signs, 5, axis=0)[:steps]
 
 
 def assert_finite(episodes: Episodes, rng: np.random.Generator, steps: int) -> None:
     """Assert finite observations and rewards, and no physics warnings, under jerky actions."""
     worlds = episodes.simulation.num_worlds
-    for action in jerky_actions(rng, worlds, steps):
+    for action in jerky_actions(rng, worlds, steps, episodes.action_size):
         step = episodes.step(action)
         assert np.isfinite(step.observation).all()
         assert np.isfinite(step.reward).all()

@@ -38,10 +38,10 @@ CALIBRATION_TICKS = 20
 
 def constant_policy(environment: str) -> Policy:
     """Return a policy that moves every joint at 0.6 of its maximum speed."""
-    size = sizes(environment)[0]
+    size, joints = sizes(environment)
     return Policy(
-        weights=(np.zeros((size, 7)),),
-        biases=(np.array([0.6, -0.6, 0.6, -0.6, 0.6, -0.6, 0.6]),),
+        weights=(np.zeros((size, joints)),),
+        biases=(np.resize([0.6, -0.6], joints),),
         observation_mean=np.zeros(size),
         observation_variance=np.ones(size),
         observation_clip=5.0,

@@ -1,12 +1,13 @@
 """The Panda. ``panda.xml`` contains the kinematics, ``rtb-data`` the meshes."""
 
+from collections.abc import Mapping
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import Robot, tuned_arm
+from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 from avrgym.robots.stand import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
@@ -28,14 +29,23 @@ def build(appearance: bool) -> mujoco.MjSpec:
     return spec
 
 
-SPEED_DEG_S = (150.0, 150.0, 150.0, 150.0, 180.0, 180.0, 180.0)
-TORQUE_N_M = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
-"""Limits of Franka Emika's data sheet (speed) and of the public description (torque)."""
-SEED_DEG = (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0)
-_ARM = tuned_arm(
-    build, JOINTS, "hand", np.radians(SEED_DEG),
-    speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
-)  # fmt: skip
+SPEED_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
+TORQUE_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
+"""Limits next to a person, as of the Jaco. Franka Emika's data sheet allows 150 and 180 °/s, 87 and 12 N m."""
+SEED_DEG: Mapping[Side, tuple[float, ...]] = {
+    "right": (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0),
+    "left": (51.0, -1.0, 31.0, -110.0, -47.0, 108.0, -127.0),
+}
+"""By the side whose tasks the arm does: the joints' ranges do not let one pose lead to all."""
+
+
+def _arm(side: Side) -> Arm:
+    return tuned_arm(
+        build, JOINTS, "hand", np.radians(SEED_DEG[side]),
+        speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+    )  # fmt: skip
+
+
 BETWEEN_TIPS_M = (0.0, 0.0, 0.1034)
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """The tool's x out of the hand, its y across the fingers."""
@@ -51,7 +61,7 @@ PANDA = Robot(
     build=build,
     base=STAND_BODY,
     torso=STAND_BODY,
-    arms={"right": _ARM, "left": _ARM},
+    arms={side: _arm(side) for side in SIDES},
     mounts={"wheelchair": next_to_person(-0.7, -0.65), "bed": next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
         BETWEEN_TIPS_M,

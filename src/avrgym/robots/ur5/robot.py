@@ -26,9 +26,10 @@ def build(appearance: bool) -> mujoco.MjSpec:
     return spec
 
 
-SPEED_DEG_S = 180.0
-TORQUE_N_M = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
-"""Limits of Universal Robots' data sheet (speed) and of the public description (torque)."""
+SPEED_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
+TORQUE_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
+"""Limits next to a person, as of the Jaco. Universal Robots' data sheet allows 180 °/s, the public description 150 and
+28 N m."""
 SEED_DEG = (142.0, -125.0, -59.0, 4.0, -142.0, 0.0)
 _ARM = tuned_arm(
     build, JOINTS, "hand", np.radians(SEED_DEG),
@@ -48,7 +49,7 @@ UR5 = Robot(
     base=STAND_BODY,
     torso=STAND_BODY,
     arms={"right": _ARM, "left": _ARM},
-    mounts={"wheelchair": next_to_person(-0.7, -0.65), "bed": next_to_person(-0.7, -0.65)},
+    mounts={"wheelchair": next_to_person(-0.78, -0.65), "bed": next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
         BETWEEN_TIPS_M,
         transforms.IDENTITY_QUATERNION,
