@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models import human
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import People, Person
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.scratcher import SCRATCHER, TIP_BEYOND_FINGERS_M
@@ -262,15 +264,22 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
     mujoco.mj_kinematics(model, data)
     tool = data.body("tool")
     farthest = -np.inf
-    for geom in np.nonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0]:
+    for geom in np.nonzero(model.geom_group == VISUAL_GROUP)[0]:
         body = model.body(model.geom_bodyid[geom]).name
         if "finger" in body and body.startswith(scene.arm.finger_prefix):
-            mesh = model.mesh(model.geom_dataid[geom])
-            vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+            vertices = corners_m(model, geom)
             points_w = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
             farthest = max(farthest, ((points_w - tool.xpos) @ tool.xmat.reshape(3, 3)[:, 0]).max())
     assert -farthest == pytest.approx(TIP_BEYOND_FINGERS_M, abs=0.002)
     assert SCRATCHER.particles is None
+
+
+def corners_m(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Vertices (V, 3) of a mesh, or corners (8, 3) of a box, in the geom's frame."""
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        return np.array(list(product((-1, 1), repeat=3))) * model.geom_size[geom]
+    mesh = model.mesh(model.geom_dataid[geom])
+    return model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
 
 
 # By script

@@ -11,7 +11,8 @@ from avrgym.models.tools import Tool
 TIP_BEYOND_FINGERS_M = 0.05
 """Distance of the tip beyond the fingertips (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
-_PINCH_M = 0.039  # from the end of the fingertips back to the point at which the fingers hold the rod
+PINCH_M = 0.039
+"""Distance from the end of the fingertips back to the point at which the fingers hold the rod."""
 
 
 def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
@@ -50,5 +51,5 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 SCRATCHER = Tool(
-    "scratcher", _build_scratcher, grip_pos=(-(TIP_BEYOND_FINGERS_M + _PINCH_M), 0.0, 0.0), particles=None
+    "scratcher", _build_scratcher, grip_pos=(-(TIP_BEYOND_FINGERS_M + PINCH_M), 0.0, 0.0), particles=None
 )

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.robot import Grip
+from avrgym.models.scratcher import PINCH_M, SCRATCHER
 
 UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of a cup relative to a spoon: its x across the fingers."""
@@ -22,16 +23,22 @@ TURNS = {
 
 
 def parallel_grips(
-    between_tips_m: ArrayLike, pointing: FloatArray, **fingers: Mapping[str, float]
+    between_tips_m: ArrayLike, tip_end_m: float, pointing: FloatArray, **fingers: Mapping[str, float]
 ) -> dict[str, Grip]:
-    """Grips by tool.
+    """Grips by tool. The fingers hold the scratcher farther back.
 
     Args:
         between_tips_m: point between the fingertips (3,), end effector's frame.
+        tip_end_m: distance from there to the end of the fingertips.
         pointing: rotation (4,) of a tool with x out of the hand and y across the fingers, end effector's frame.
         **fingers: positions of the finger joints by tool.
     """
+    out, between = transforms.rotate(pointing, [1.0, 0.0, 0.0]), np.asarray(between_tips_m, float)
     return {
-        tool: Grip(np.asarray(between_tips_m, float), transforms.multiply(pointing, TURNS[tool]), positions)
+        tool: Grip(
+            between - (PINCH_M - tip_end_m) * out if tool == SCRATCHER.name else between,
+            transforms.multiply(pointing, TURNS[tool]),
+            positions,
+        )
         for tool, positions in fingers.items()
     }

@@ -33,7 +33,7 @@ _ARM = tuned_arm(
     build, JOINTS, "hand", np.radians(SEED_DEG),
     speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
 )  # fmt: skip
-BETWEEN_TIPS_M = (0.0, 0.0, 0.142)
+BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.142), 0.0192
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """The tool's x out of the hand, its y across the fingers."""
 
@@ -68,6 +68,7 @@ GEN3 = Robot(
     },
     grips=parallel_grips(
         BETWEEN_TIPS_M,
+        TIP_END_M,
         POINTING,
         spoon=_fingers(0.095),
         cup=_fingers(0.823),

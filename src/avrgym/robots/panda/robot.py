@@ -46,7 +46,7 @@ def _arm(side: Side) -> Arm:
     )  # fmt: skip
 
 
-BETWEEN_TIPS_M = (0.0, 0.0, 0.1034)
+BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.1034), 0.0089
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """The tool's x out of the hand, its y across the fingers."""
 
@@ -65,6 +65,7 @@ PANDA = Robot(
     mounts={"wheelchair": next_to_person(-0.7, -0.65), "bed": next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
         BETWEEN_TIPS_M,
+        TIP_END_M,
         POINTING,
         spoon=_fingers(0.0045),
         cup=_fingers(0.040),

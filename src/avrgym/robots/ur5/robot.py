@@ -35,7 +35,7 @@ _ARM = tuned_arm(
     build, JOINTS, "hand", np.radians(SEED_DEG),
     speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
 )  # fmt: skip
-BETWEEN_TIPS_M = (0.13, 0.0, 0.0)
+BETWEEN_TIPS_M, TIP_END_M = (0.13, 0.0, 0.0), 0.015
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
@@ -52,6 +52,7 @@ UR5 = Robot(
     mounts={"wheelchair": next_to_person(-0.78, -0.65), "bed": next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
         BETWEEN_TIPS_M,
+        TIP_END_M,
         transforms.IDENTITY_QUATERNION,
         spoon=_fingers(0.0045),
         cup=_fingers(0.042),
