@@ -11,7 +11,9 @@ from avrgym.tasks.settings import Settings
 from helpers.vr.visit import Visit, plan
 
 CHANGED = {
-    "avrgym/FeedingJaco-v1": Settings(control_hz=50, tool="large", particles=5, body_mass_kg=90.0),
+    "avrgym/FeedingJaco-v1": Settings(
+        control_hz=50, tool="large", particles=5, table_offset_m=(0.1, 0.0, 0.0), body_mass_kg=90.0
+    ),
     "avrgym/DrinkingJaco-v1": Settings(tool="mug", particles=20, standing_by=(("PR2", 1.5, -1.0, 90.0),)),
     "avrgym/ScratchItchPR2-v1": Settings(control_hz=5, robot_pose=(-0.8, -0.3, 5.0)),
 }

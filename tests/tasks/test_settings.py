@@ -24,6 +24,7 @@ CHANGED: Mapping[str, Any] = {
     "control_hz": 20,
     "tool": "large",
     "particles": 5,
+    "table_offset_m": [0.1, 0.0, -0.05],
     "robot_pose": [-0.8, -0.4, 10.0],
     "torso_height_m": [0.5, 0.6],
     "body_mass_kg": 90.0,
@@ -35,6 +36,7 @@ IMPOSSIBLE: Mapping[str, Any] = {
     "control_hz": 7,
     "tool": "fork",
     "particles": 0,
+    "table_offset_m": [1.0, 0.0, 0.0],
     "robot_pose": [9.0, 0.0, 0.0],
     "torso_height_m": [0.6, 0.5],
     "body_mass_kg": 5.0,
@@ -212,6 +214,19 @@ def test_a_chosen_base_replaces_the_search() -> None:
     pos_w, q_w = episodes.simulation.robot_base()
     np.testing.assert_allclose(pos_w[:, :2], [pose[:2]] * 3)
     np.testing.assert_allclose(2.0 * np.degrees(np.arctan2(q_w[:, 3], q_w[:, 0])), pose[2])
+
+
+def test_table_bowl_and_hand_move_together() -> None:
+    offset_m = (0.05, 0.0, -0.02)
+    usual, moved = begun(10), Episodes(FEEDING, 1, num_threads=1, settings=Settings(table_offset_m=offset_m))
+    moved.reset(np.array([0]), [random_streams.episode(0)])
+    for name in ("bowl", "table"):
+        places = [
+            each.simulation.body_poses(0)[each.simulation.bodies.index(name), :3] for each in (usual, moved)
+        ]
+        np.testing.assert_allclose(places[1] - places[0], offset_m, atol=1e-9)
+    tools_w = [each.simulation.state().tool_pos_w[0] for each in (usual, moved)]
+    np.testing.assert_allclose(tools_w[1] - tools_w[0], offset_m, atol=0.02)
 
 
 def test_a_base_out_of_reach_is_refused() -> None:

@@ -28,8 +28,8 @@ class SceneConfig:
     """Content of a scene: furniture, posture, and a robot on its mount with a tool.
 
     The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
-    episodes. ``control_step_s`` is the duration of a control step. ``chosen_base``: the user chose the pose of the
-    robot's base. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
+    episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: initial states out of the
+    arm's reach are sampled again. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
     """
 
     furniture: Sequence[Furniture]
@@ -40,7 +40,7 @@ class SceneConfig:
     tool: Tool
     mount: Mount
     control_step_s: float = CONTROL_STEP_S
-    chosen_base: bool = False
+    checks_reach: bool = False
     body_mass_kg: float | None = None
 
     @property

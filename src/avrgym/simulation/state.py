@@ -66,7 +66,7 @@ class Start:
 
     It consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and
     the positions (n, 3) of the scene's movable furniture. ``missed_m`` (n,) is the distance of the tool from its place,
-    if the user chose the pose of the base.
+    if the scene checks the reach.
     """
 
     people: People

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 EFFORT = "action_squared"
 """The reward term of the action penalty, which depends on the agent."""
 REACHED_M = 0.01
-"""Maximum distance of the tool from its place at the start, from a base pose that the user chose."""
+"""Maximum distance of the tool from its place at the start, with a base or table that the user placed."""
 MAX_REACH_DRAWS = 10
-"""Maximum number of samples out of reach of such a base."""
+"""Maximum number of samples out of reach then."""
 MAX_START_DRAWS = 100
 """Maximum number of samples until an initial state without overlapping bodies is found."""
 
@@ -215,8 +215,8 @@ class Episodes:
             conflicts, far = self._conflicts(invalid), invalid[self._missed_m[invalid] > REACHED_M]
             for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
                 raise NoClearanceError(
-                    f"{self.environment_id}: in {MAX_REACH_DRAWS} starts the arm does not reach the place of the tool "
-                    f"from robot_pose; {self._missed_m[world]:.2f} m are missing in the last one"
+                    f"{self.environment_id}: with {self.settings} the arm does not reach the place of the tool in "
+                    f"{MAX_REACH_DRAWS} initial states; {self._missed_m[world]:.2f} m are missing in the last one"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():

@@ -13,7 +13,8 @@ from avrgym.models import human
 from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
 from avrgym.models.robot import Furniture, Mount, Robot, Side, select_equipment
-from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
+from avrgym.models.scene import SceneConfig, robot_with_tool
+from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
@@ -125,14 +126,17 @@ def placed_start(
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
         angles = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
-        missed_m = transforms.norm(kinematics.forward(chain, angles)[0] - pos) if scene.chosen_base else None
     else:
         candidates = _clear_of_furniture(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
         found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
-        angles, missed_m = found.joint_positions, None
+        angles = found.joint_positions
+    missed_m = None
+    if scene.checks_reach:
+        pos, _ = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
+        missed_m = transforms.norm(kinematics.forward(chain, angles)[0] - pos)
     placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
     return Start(people, base_pos, base_q, angles, placed, missed_m)
 

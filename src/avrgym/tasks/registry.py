@@ -131,7 +131,7 @@ def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
         furniture=furniture,
         mount=mount,
         control_step_s=settings.control_step_s,
-        chosen_base=settings.robot_pose is not None,
+        checks_reach=not (settings.robot_pose is None and settings.table_offset_m is None),
         body_mass_kg=settings.body_mass_kg,
     )
 

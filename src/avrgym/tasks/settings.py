@@ -8,15 +8,17 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 from avrgym.models.scene import CONTROL_STEP_S
 
-TOOL_SETTINGS = ("tool", "particles")
-"""Settings that concern the tool, which not every task has."""
+TASK_SETTINGS = ("tool", "particles", "table_offset_m")
+"""Settings that not every task has."""
 DRAWN_SETTINGS = ("torso_height_m", "range_share")
 """Settings that concern drawn people; a fixed person and participants have their own."""
+LARGEST_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
 FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """They are multiples or divisors of the rate at which people act, and divide the rate of the physics."""
@@ -33,6 +35,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     tool: Annotated[str | None, Meta(description="Size of the spoon or shape of the cup.")] = None
     particles: Annotated[int, Meta(ge=1, description="Pieces of food, or particles of water.")] | None = None
 
+    table_offset_m: Annotated[
+        tuple[float, float, float] | None,
+        Meta(description="Where the table is, relative to its usual place."),
+    ] = None
     robot_pose: Annotated[
         tuple[float, float, float] | None,
         Meta(description="Place x, y (m) and yaw (degrees) of the robot's base, instead of the search."),
@@ -59,6 +65,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             for *_, x, y, yaw_deg in poses:
                 if not (max(abs(x), abs(y)) <= FARTHEST_M and abs(yaw_deg) <= 360.0):
                     raise _refusal(name, (x, y, yaw_deg), f"x and y up to ±{FARTHEST_M:g} m, yaw up to ±360°")
+        within = np.abs(self.table_offset_m or (0.0, 0.0, 0.0)) <= LARGEST_TABLE_OFFSET_M
+        if not within.all():
+            allowed = "x and y up to ±0.4 m, z up to ±0.1 m"
+            raise _refusal("table_offset_m", self.table_offset_m, allowed)
         low, high = self.torso_height_m or TORSO_HEIGHT_RANGE_M
         lowest, highest = TORSO_HEIGHT_RANGE_M
         if not lowest <= low <= high <= highest:

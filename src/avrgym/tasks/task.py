@@ -18,7 +18,7 @@ from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.settings import TOOL_SETTINGS, Settings
+from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
 TaskState = Any
 """State of a task during an episode: a dataclass of arrays, world axis first."""
@@ -152,7 +152,7 @@ class Task:
         marks: marks on the person.
         withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
             ``withdraw_after_success``.
-        variant: returns the task with the tool and the particles of settings; ``None``: the task has no such settings.
+        variant: returns the task with the tool, particles and table of settings; ``None``: it has no such settings.
         tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of one
             is lost, the attempt ends.
 
@@ -225,12 +225,12 @@ class Task:
             raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
 
     def with_settings(self, settings: Settings) -> "Task":
-        """The task with the tool and the particles of settings.
+        """The task with the tool, particles and table of settings.
 
         Raises:
             ValueError: for settings that this task does not have.
         """
-        given = [name for name in TOOL_SETTINGS if getattr(settings, name) is not None]
+        given = [name for name in TASK_SETTINGS if getattr(settings, name) is not None]
         if not given:
             return self
         if self.variant is None:

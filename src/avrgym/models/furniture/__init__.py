@@ -6,7 +6,14 @@ from functools import partial
 import mujoco
 
 from avrgym.models.furniture.bed import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_hospital_bed, add_nightstand
-from avrgym.models.furniture.table import BOWL_BODY, BOWL_START_M, TABLE_BODY, TABLE_HEIGHT_M, add_table
+from avrgym.models.furniture.table import (
+    BOWL_BODY,
+    BOWL_START_M,
+    TABLE_BODY,
+    TABLE_HEIGHT_M,
+    Offset,
+    add_table,
+)
 from avrgym.models.furniture.wheelchair import add_bracket, add_wheelchair
 
 __all__ = [
@@ -17,6 +24,7 @@ __all__ = [
     "NIGHTSTAND_TOP_M",
     "TABLE_BODY",
     "TABLE_HEIGHT_M",
+    "Offset",
     "add_bracket",
     "add_hospital_bed",
     "add_nightstand",

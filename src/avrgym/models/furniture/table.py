@@ -14,22 +14,33 @@ BOWL_BODY = "bowl"
 BOWL_START_M = (-0.15, -0.55, TABLE_HEIGHT_M)
 
 
-def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add a table in front of the person on the left, with a bowl. Each episode moves the bowl's body."""
+Offset = tuple[float, float, float]
+
+
+def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: Offset = (0.0, 0.0, 0.0)) -> None:
+    """Add a table in front of the person on the left, with a bowl. Each episode moves the bowl's body.
+
+    ``offset_m`` moves both; the legs still end on the floor.
+    """
     centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
-    table = spec.worldbody.add_body(name=TABLE_BODY)
+    table = spec.worldbody.add_body(name=TABLE_BODY, pos=offset_m)
     top = [*centre, TABLE_HEIGHT_M - 0.015]
     add_collision(table, TABLE_BODY, BOX, collision_bits.FURNITURE, pos=top, size=[*half, 0.015])
-    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=BOWL_START_M)
+    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=np.add(BOWL_START_M, offset_m))
     add_collision(
         bowl, BOWL_BODY, CYLINDER, collision_bits.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0]
     )
     if appearance:
-        _add_table_skin(spec, table, bowl, centre, half)
+        _add_table_skin(spec, table, bowl, centre, half, offset_m[2])
 
 
 def _add_table_skin(
-    spec: mujoco.MjSpec, table: mujoco.MjsBody, bowl: mujoco.MjsBody, centre: np.ndarray, half: np.ndarray
+    spec: mujoco.MjSpec,
+    table: mujoco.MjsBody,
+    bowl: mujoco.MjsBody,
+    centre: np.ndarray,
+    half: np.ndarray,
+    rise_m: float,
 ) -> None:
     wood = finish(spec, "wood")
     white = finish(spec, "ceramic")
@@ -37,7 +48,9 @@ def _add_table_skin(
     add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
     for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         leg = centre + np.array(corner) * (half - 0.06)
-        add_visual(table, BOX, wood, pos=[*leg, 0.36], size=[0.025, 0.025, 0.36])
+        add_visual(
+            table, BOX, wood, pos=[*leg, 0.36 - 0.5 * rise_m], size=[0.025, 0.025, 0.36 + 0.5 * rise_m]
+        )
     profile = [
         (0.0, 0.0), (0.035, 0.0), (0.055, 0.012), (0.068, 0.032), (0.072, 0.05),
         (0.069, 0.05), (0.064, 0.034), (0.051, 0.016), (0.030, 0.007), (0.0, 0.007),

@@ -10,8 +10,12 @@ def describe_procedure(design: Design) -> str:
     goals = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
-        f"{goals} Each trial lasts {design.trial_steps / design.settings.control_hz:g} s."
+        f"{goals} Each trial lasts {design.trial_steps / design.settings.control_hz:g} s.{_settings(design)}"
     )
+
+
+def _settings(design: Design) -> str:
+    return f" Settings of the scenes: {design.settings}." if design.settings.changed else ""
 
 
 def describe_blinding(design: Design) -> str:

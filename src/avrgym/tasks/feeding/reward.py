@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
-from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
+from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M, Offset
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
@@ -51,7 +51,12 @@ def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.s
     return FeedingState(nothing, nothing, nothing)
 
 
-def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) -> StepResult:
+def evaluate_step(
+    state: State,
+    action: FloatArray,
+    task_state: FeedingState,
+    table_offset_m: Offset = (0.0, 0.0, 0.0),
+) -> StepResult:
     """Evaluate a step: food within 2 cm of the mouth is eaten; food below 0.5 m, on the table or in the bowl is
     dropped.
 
@@ -60,7 +65,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) ->
     check_count(state, task_state.eaten)
     in_play = ~(task_state.eaten | task_state.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
-    newly_dropped = in_play & ~newly_eaten & _is_dropped(state)
+    newly_dropped = in_play & ~newly_eaten & _is_dropped(state, table_offset_m)
     newly_on_person = touching_person(state, FOOD.radius_m, in_play & ~newly_eaten & ~task_state.on_person)
     after = FeedingState(
         task_state.eaten | newly_eaten,
@@ -91,11 +96,12 @@ def strong_tool_force(state: State) -> FloatArray:
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 
-def _is_dropped(state: State) -> BoolArray:
+def _is_dropped(state: State, table_offset_m: Offset) -> BoolArray:
     pos = state.particle_pos_w
+    from_table = pos - constant_like(np.array(table_offset_m), pos)
     low, high = constant_like(TABLE_LOW_M, pos), constant_like(TABLE_HIGH_M, pos)
-    over_table = ((pos[..., :2] > low) & (pos[..., :2] < high)).all(axis=-1)
-    on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
+    over_table = ((from_table[..., :2] > low) & (from_table[..., :2] < high)).all(axis=-1)
+    on_table = over_table & (from_table[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
     from_bowl = pos - state.placed_pos_w[BOWL_BODY][:, None]
     above_bowl = norm(from_bowl[..., :2]) < BOWL_RADIUS_M
     in_bowl = above_bowl & (from_bowl[..., 2] < BOWL_HEIGHT_M + 2.0 * FOOD.radius_m)

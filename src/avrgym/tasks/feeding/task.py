@@ -7,9 +7,9 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import constant_like, namespace
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
+from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, Offset, add_table
 from avrgym.models.human import People
-from avrgym.models.robot import Robot
+from avrgym.models.robot import Furniture, Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import SPOON, spoon
 from avrgym.models.tools import Tool
@@ -34,15 +34,19 @@ SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the spoon: level, pointing towards the person."""
 
 
-def scene(robot: Robot, tool: Tool = SPOON) -> SceneConfig:
+def scene(robot: Robot, tool: Tool = SPOON, add_furniture: Furniture = add_table) -> SceneConfig:
     """The scene: a wheelchair and a table with a bowl; the robot's right arm holds the spoon."""
-    return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_table,), (BOWL_BODY,))
+    return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_furniture,), (BOWL_BODY,))
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(
+    scene: SceneConfig, people: People, uniforms: FloatArray, offset_m: Offset = (0.0, 0.0, 0.0)
+) -> Start:
     """Initial states: the bowl within ±5 cm of its mean position, the hand within ±5 cm of a point above it, spoon
     level."""
-    bowl = constant_like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    bowl = constant_like(np.add(BOWL_START_M, offset_m), uniforms) + BOWL_SPREAD_M * (
+        2.0 * uniforms[:, 0:3] - 1.0
+    )
     hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
@@ -58,20 +62,21 @@ def _goals(people: People) -> tuple[FloatArray, FloatArray]:
 
 
 def feeding(settings: Settings = DEFAULTS) -> Task:
-    """The task with spoon and food of the settings."""
+    """The task with spoon, food and table of the settings."""
+    offset_m = settings.table_offset_m or (0.0, 0.0, 0.0)
     tool = spoon(settings.tool or "medium", settings.particles)
     return Task(
         name="Feeding",
         goal="Eat the food from the spoon.",
         pose=TURNED_HEAD,
         offered="mouth",
-        scene=partial(scene, tool=tool),
+        scene=partial(scene, tool=tool, add_furniture=partial(add_table, offset_m=offset_m)),
         num_uniforms=6 + placement.NUM_UNIFORMS,
-        start=start,
+        start=partial(start, offset_m=offset_m),
         init_state=partial(init_state, particles=len(food_of(tool))),
         observation=tool_at_the_mouth,
         weights=WEIGHTS,
-        evaluate_step=evaluate_step,
+        evaluate_step=partial(evaluate_step, table_offset_m=offset_m),
         expert=FeedingExpert,
         feedback_expert=partial(FeedbackExpert, target=feeding_target),
         memory_expert=MemoryExpert,
