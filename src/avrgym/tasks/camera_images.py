@@ -50,9 +50,9 @@ class CameraImages:
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
         """Prepare cameras of ``models.cameras.as_cameras``."""
+        self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes
-        self._context: Any = None
         self._models: dict[str, _SexModel] = {}
 
     def images(self, worlds: Iterable[int] | None = None) -> Images:
@@ -84,12 +84,16 @@ class CameraImages:
             self._context.free()
             self._context = None
 
+    def __del__(self) -> None:
+        """Free the graphics memory while its context is current."""
+        self.close()
+
     def _make_current(self) -> None:
         if self._context is None:
             error = graphics_error()
             if error is not None:
                 raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
-            self._context = mujoco.GLContext(*self._size_px)
+            self._context = _owned_context()(*self._size_px)
         self._context.make_current()
 
     @property
@@ -206,6 +210,14 @@ class _SexModel:
     def free(self) -> None:
         """Free the graphics memory; the context must be current."""
         self._context.free()
+
+
+@cache
+def _owned_context() -> Any:
+    """The class of graphics contexts that ``CameraImages.close`` frees. Garbage collection would free them before the
+    memory of their models.
+    """
+    return type("_OwnedContext", (mujoco.GLContext,), {"__del__": lambda self: None})
 
 
 @cache
