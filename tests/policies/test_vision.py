@@ -17,6 +17,7 @@ from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError, load_policy
 from avrgym.tasks.camera_images import graphics_error
 from avrgym.tasks.episodes import Episodes
+from avrgym.vr.live_world.drivers import ThreadedDriver
 
 FEEDING, SIZES = "avrgym/FeedingJaco-v1", (25, 7)
 CAMERA = "wrist:64x64:depth"
@@ -139,6 +140,29 @@ def test_a_controller_receives_the_images_of_its_own_world():
             assert_array_equal(seen[name], image[world])
 
 
-def test_a_controller_with_an_unknown_camera_is_refused():
+def test_a_controller_with_an_unknown_camera_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    code = "class Odd:\n cameras = ['eye']\n def reset(self, seed, environment): pass\n def act(self, seen): pass\n"
+    (tmp_path / "odd_cameras.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(PolicyError, match=r"cannot drive in .*: unknown camera 'eye'; Jaco has wrist, scene"):
-        registry.cameras_of(ExternalController("odd", Looking, cameras=("eye",)), FEEDING)
+        registry.find("odd_cameras:Odd", FEEDING)
+
+
+@needs_graphics
+def test_a_driver_of_a_live_world_shows_its_controller_the_images():
+    looking = Looking()
+    driver = ThreadedDriver(
+        ExternalController("looking", lambda: looking, cameras=("scene",)), background=False
+    )
+    world = Episodes(FEEDING, 1, people="revised", num_threads=1)
+    generators = [np.random.default_rng(0)]
+    observation = world.reset(np.arange(1), generators)
+    driver.reset(world, generators)
+    assert_array_equal(driver.act(observation), np.zeros((1, 7)))
+    assert driver.failure == ""
+    (seen,) = looking.seen
+    assert_array_equal(
+        seen["scene_rgb"],
+        world.images(registry.cameras_of(driver._controller_factory, FEEDING))["scene_rgb"][0],
+    )
+    driver.close()

@@ -90,11 +90,13 @@ def find(
         )
         if not allow_other_settings:
             _check_settings(policy, name, settings)
+        cameras_of(policy, environment_id)
         return policy
-    if name in controllers.registered_controllers():
-        return controllers.find_registered(name)
-    if ":" in name:
-        return controllers.find_python(name)
+    if name in controllers.registered_controllers() or ":" in name:
+        registered = name in controllers.registered_controllers()
+        controller = controllers.find_registered(name) if registered else controllers.find_python(name)
+        cameras_of(controller, environment_id)
+        return controller
     if name == OPERATOR:
         raise PolicyError(
             f"{OPERATOR} needs a person who drives the robot; allowed in `avrgym view`, `avrgym serve` and studies"
@@ -203,6 +205,13 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
         return as_cameras(wanted, task_and_scene(environment_id)[1].robot) if wanted else ()
     except ValueError as error:
         raise PolicyError(f"this policy cannot drive in {environment_id}: {error}") from error
+
+
+def prepare(policy: AnyPolicy, world: Episodes) -> None:
+    """Compile the appearance of worlds for a policy with cameras, so that its first action is not late."""
+    cameras = cameras_of(policy, world.environment_id)
+    if cameras:
+        world.images(cameras)
 
 
 def observed(policy: ExternalController, world: Episodes, observations: FloatArray) -> list[Observed]:

@@ -6,6 +6,7 @@ world. Physics has its own model without appearance.
 
 import warnings
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,7 @@ PersonKey = tuple[str, float, float, str]
 
 
 class CameraImages:
-    """The cameras of N worlds. The first image creates the graphics context, which belongs to that thread."""
+    """The cameras of N worlds. The first image creates the graphics context; any thread may use it, one at a time."""
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
         """Prepare cameras of ``models.cameras.as_cameras``."""
@@ -66,20 +67,20 @@ class CameraImages:
             name: np.empty((len(chosen), *shape), dtype)
             for name, (shape, dtype, _) in image_entries(self.cameras).items()
         }
-        self._make_current()
-        for row, world in enumerate(chosen):
-            model = self._model_of(self._episodes.person_in(world))
-            model.show(self._episodes, world)
-            for camera in self.cameras:
-                model.render(camera, {kind: found[f"{camera.name}_{kind}"][row] for kind in camera.kinds})
+        with self._graphics():
+            for row, world in enumerate(chosen):
+                model = self._model_of(self._episodes.person_in(world))
+                model.show(self._episodes, world)
+                for camera in self.cameras:
+                    model.render(camera, {kind: found[f"{camera.name}_{kind}"][row] for kind in camera.kinds})
         return found
 
     def close(self) -> None:
         """Free the graphics memory; the next image allocates it again."""
         if self._context is not None:
-            self._context.make_current()
-            for model in self._models.values():
-                model.free()
+            with self._context.as_current():
+                for model in self._models.values():
+                    model.free()
             self._models.clear()
             self._context.free()
             self._context = None
@@ -88,13 +89,14 @@ class CameraImages:
         """Free the graphics memory while its context is current."""
         self.close()
 
-    def _make_current(self) -> None:
+    def _graphics(self) -> AbstractContextManager[None]:
+        """Makes the graphics context current."""
         if self._context is None:
             error = graphics_error()
             if error is not None:
                 raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
             self._context = _owned_context()(*self._size_px)
-        self._context.make_current()
+        return self._context.as_current()
 
     @property
     def _size_px(self) -> tuple[int, int]:

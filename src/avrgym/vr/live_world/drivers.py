@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from queue import SimpleQueue
 from typing import Protocol
 
@@ -74,6 +75,12 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
     return SynchronousDriver(policy)
 
 
+def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
+    """Compile what a policy with cameras sees. ``act`` reports the error where nothing can be rendered."""
+    with suppress(RuntimeError, ValueError):
+        registry.prepare(policy, episodes)
+
+
 class SynchronousDriver:
     """Drives by a policy of AVR Gym, which answers within the tick."""
 
@@ -91,6 +98,7 @@ class SynchronousDriver:
         """Prepare for the episode that has started; its generator draws all randomness."""
         self.failure, self._act = "", None
         self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
+        _prepare(self._policy, episodes)
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
@@ -141,6 +149,7 @@ class ThreadedDriver:
         self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
         self._pending, self._zero_action = None, zero_action(episodes)
         self._episodes = episodes
+        _prepare(self._controller_factory, episodes)
         self._hold("")
 
     def act(self, observation: FloatArray) -> FloatArray:
@@ -151,11 +160,19 @@ class ThreadedDriver:
         elif self._ready.failure:
             self._hold(self._ready.failure)
         elif self._pending is None:
-            (row,) = registry.observed(self._controller_factory, self._episodes, observation.copy())
-            count = self._zero_action.shape[1]
-            self._pending = self._request(lambda controller: controllers.act(controller, row, count))
+            self._ask(observation)
             self._poll()
         return self._action
+
+    def _ask(self, observation: FloatArray) -> None:
+        """Request the action for an observation (1, O)."""
+        try:
+            (row,) = registry.observed(self._controller_factory, self._episodes, observation.copy())
+        except (RuntimeError, ValueError) as error:  # no image can be rendered
+            self._hold(str(controllers.controller_error(error)))
+            return
+        count = self._zero_action.shape[1]
+        self._pending = self._request(lambda controller: controllers.act(controller, row, count))
 
     def update_action(self) -> FloatArray | None:
         """Returns the action (1, A) of the controller if it has arrived, else ``None``."""
