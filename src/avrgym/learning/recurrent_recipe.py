@@ -65,9 +65,10 @@ def _find_teacher(configuration: RecurrentConfiguration) -> Policy | None:
     if configuration.teacher is None:
         return None
     teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
-    if not isinstance(teacher, Policy):
+    if not isinstance(teacher, Policy) or teacher.vision is not None:
         raise ValueError(
-            f"{configuration.teacher!r} cannot be a teacher; allowed: a trained policy, by its name or file"
+            f"{configuration.teacher!r} cannot be a teacher; "
+            "allowed: a trained policy without vision, by its name or file"
         )
     return teacher
 

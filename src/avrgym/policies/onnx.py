@@ -98,6 +98,8 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
     """
     from onnx import TensorProto, helper, numpy_helper
 
+    if policy.vision is not None:
+        raise PolicyError("a policy with vision cannot be exported to ONNX; use its .safetensors file")
     if policy.memory is not None:
         raise PolicyError("a recurrent policy cannot be exported to ONNX; use its .safetensors file")
     dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
