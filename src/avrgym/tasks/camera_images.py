@@ -219,7 +219,11 @@ def _owned_context() -> Any:
     """The class of graphics contexts that ``CameraImages.close`` frees. Garbage collection would free them before the
     memory of their models.
     """
-    return type("_OwnedContext", (mujoco.GLContext,), {"__del__": lambda self: None})
+
+    def ignore(context: Any) -> None:
+        """Leave the context to its owner."""
+
+    return type("_OwnedContext", (mujoco.GLContext,), {"__del__": ignore})
 
 
 @cache
