@@ -18,8 +18,8 @@ from avrgym.safety.limits import (
 )
 
 GEOM_CONTACTS, CLOTH_GEOM_CONTACTS = 8, 64
-"""Number of strongest contacts that a sensor reads for one geom of the person, without and with cloth. A grasp with three
-fingers has fewer than 8; a sleeve around an arm has up to 40."""
+"""Number of strongest contacts that a sensor reads for one geom of the person, without and with cloth. A grasp with
+three fingers has fewer than 8; a sleeve around an arm has up to 40."""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
