@@ -12,15 +12,16 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
+from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import SHOULDER_REACH_M, ArmPath, arm_path, is_dressed
 from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-HELD_FROM_W = np.array([0.985, 0.0, -0.174])
-"""Side of the arm from which the hand holds the opening: from outside, and 10° from below. From there robots reach the
-whole arm."""
+HELD_FROM_MOUNTED_W, HELD_FROM_FLOOR_W = np.array([0.985, 0.0, -0.174]), np.array([0.766, 0.0, 0.643])
+"""Side of the arm from which the hand holds the opening: outside and 10° from below for a robot on the wheelchair, 40°
+from above for one on the floor. From there they reach the whole arm."""
 BEND_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
 LOOKAHEAD_M = 0.05
@@ -42,10 +43,10 @@ class Along(NamedTuple):
     offset_w: FloatArray
 
 
-def opening_rotation(along_w: FloatArray) -> FloatArray:
-    """Rotations (..., 4) of an opening that is drawn in directions (..., 3), held from outside."""
+def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
+    """Rotations (..., 4) of an opening that is drawn in directions (..., 3), held from a side that suits the robot."""
     xp = namespace(along_w)
-    side = constant_like(HELD_FROM_W, along_w)
+    side = constant_like(HELD_FROM_FLOOR_W if scene.mount.on_floor else HELD_FROM_MOUNTED_W, along_w)
     across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
     x = -transforms.normalize(across)
     return transforms.from_matrix(xp.stack([x, along_w, transforms.cross(x, along_w)], axis=-1))
@@ -65,9 +66,10 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     _, along_w = _at(path, here.at_m)
     force_share = np.clip((MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N), 0.0, 1.0)
     drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m)) * force_share
-    speed = np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, SLOWEST_M_S * force_share))
-    speed = np.where(is_dressed(task_state), 0.0, speed)
-    return place_w, opening_rotation(along_w), speed
+    speed = np.where(before, APPROACH_SPEED_M_S * force_share, np.maximum(drawn, SLOWEST_M_S * force_share))
+    stays = is_dressed(task_state) | (force_share == 0.0)
+    q_w = np.where(stays[:, None], planner.q_w, opening_rotation(planner.scene, along_w))
+    return place_w, q_w, np.where(stays, 0.0, speed)
 
 
 def _along(pos_w: FloatArray, path: ArmPath) -> Along:

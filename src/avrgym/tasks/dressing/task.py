@@ -53,7 +53,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     )
     hand_w = wrist_w - human.layout_of(people).geom_size["left_hand"][:, :1] * forearm_w
     offset = START_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    forearm_q, upper_arm_q = opening_rotation(forearm_w), opening_rotation(upper_arm_w)
+    forearm_q, upper_arm_q = opening_rotation(scene, forearm_w), opening_rotation(scene, upper_arm_w)
     goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)
     goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
     tool_w = hand_w - START_BEFORE_HAND_M * forearm_w + offset
