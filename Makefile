@@ -90,7 +90,7 @@ $(DONE)/demo: pyproject.toml $(DONE)/python
 $(DONE)/test: pyproject.toml $(DONE)/python
 	@echo 'Installing AVR Gym with what training and the checks need'
 	@$(PIP_INSTALL) '$(TORCH)'
-	@$(PIP_INSTALL) -e '.[all,dev,docs]'
+	@$(PIP_INSTALL) -e '.[all,dev,docs,stretch]'
 	@touch $(DONE)/demo $@
 
 $(DONE)/gpu: $(DONE)/test

@@ -84,7 +84,54 @@ def test_sizes_follow_its_joints(robot):
     for task in (task for task in TASKS.values() if suits(task, robot)):
         with_jaco = task.observation(task.scene(ROBOTS["Jaco"])).size
         assert len(task.scene(robot).arm.joints) == joints
-        assert task.observation(task.scene(robot)).size == with_jaco + joints - 7
+        displacement = 0 if robot.drive is None else 3
+        assert task.observation(task.scene(robot)).size == with_jaco + joints - 7 + displacement
+        assert len(task.scene(robot).action_names) == joints + (0 if robot.drive is None else 2)
+
+
+def test_its_jacobian_is_the_derivative_of_its_kinematics(robot, rng):
+    """For hinges and slides, and for a base that travels and turns."""
+    arm, drives = arm_of(robot), robot.drive is not None
+    chain = chain_of(robot, arm)
+    start = arm.seed_pose + rng.uniform(-0.05, 0.05, (20, len(arm.joints)))
+    found = kinematics.action_jacobian(chain, start, drives=drives)
+    for column in range(found.shape[-1]):
+        ends = [moved_tip(chain, start, column, sign * 1e-6) for sign in (-1.0, 1.0)]
+        speed = (ends[1][0] - ends[0][0]) / 2e-6
+        turn = transforms.multiply(ends[1][1], transforms.conjugate(ends[0][1]))
+        assert_allclose(found[:, :3, column], speed, atol=1e-7)
+        assert_allclose(found[:, 3:, column], transforms.to_rotation_vector(turn) / 2e-6, atol=1e-7)
+
+
+def moved_tip(chain, start, column, step):
+    """Return the tip after one joint, or the base's travel or turn, has moved by ``step``."""
+    joints = start.shape[-1]
+    if column < joints:
+        return kinematics.forward(chain, start + step * np.eye(joints)[column])
+    tip = kinematics.forward(chain, start)
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(step * (column - joints)))
+    return transforms.compose(np.array([step * (joints + 1 - column), 0.0, 0.0]), turn, *tip)
+
+
+def test_a_joint_follows_its_command_and_stops(robot):
+    """At full speed a joint lags 0.115 s or less. Afterwards all are at their targets."""
+    arm = arm_of(robot)
+    model = robot_spec(robot, arm, appearance=False).compile()
+    for number, name in enumerate(arm.joints):
+        data = mujoco.MjData(model)
+        places = [int(model.joint(joint).qposadr[0]) for joint in arm.joints]
+        data.qpos[places] = data.act[:] = arm.seed_pose
+        for each in range(model.neq):
+            follower, leader = (
+                model.jnt_qposadr[joint[each]] for joint in (model.eq_obj1id, model.eq_obj2id)
+            )
+            data.qpos[follower] = model.eq_data[each, 1] * data.qpos[leader]
+        data.ctrl[model.actuator(name).id] = speed = arm.speed_limit[number]
+        mujoco.mj_step(model, data, 200)
+        assert data.act[number] - data.qpos[places[number]] < 0.115 * speed
+        data.ctrl[:] = 0.0
+        mujoco.mj_step(model, data, 400)
+        assert_allclose(data.qpos[places], data.act, atol=2e-3)
 
 
 @pytest.mark.parametrize(("robot", "tool"), GRIPS, ids=[f"{robot.name} {tool}" for robot, tool in GRIPS])

@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import robot
+from avrgym.models.drive import DRIVE_JOINTS
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.policies.trained import packaged_policies
+from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.random_stops import MAX_REBOUND_M, SLOW_M_S, stop_at_random
@@ -23,17 +25,20 @@ def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: st
     assert stops.drift_m.max() < MAX_REBOUND_M, stops
 
 
-@pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/FeedingJaco-v1"])
-def test_a_brake_holds_more_than_its_motor_gives(environment: str) -> None:
-    episodes = Episodes(environment, 1, moving=True)
+@pytest.mark.parametrize("robot_name", ROBOTS)
+def test_a_brake_holds_more_than_its_motor_gives(robot_name: str) -> None:
+    """Also those of a lift and of a drive."""
+    episodes = Episodes(f"avrgym/Feeding{robot_name}-v1", 1, moving=True)
     episodes.reset(np.arange(1), [np.random.default_rng(1)])
-    simulation, arm = episodes.simulation, episodes.scene.arm
-    dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
+    simulation, arm, drive = episodes.simulation, episodes.scene.arm, episodes.scene.robot.drive
+    joints = (*arm.joints, *(() if drive is None else DRIVE_JOINTS))
+    limits = np.concatenate([arm.effort_limit, () if drive is None else drive.effort_limit])
+    dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in joints]
     simulation.brake_robot()
-    stopped_rad = simulation.joint_positions()
-    simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * arm.effort_limit
+    stopped = simulation.configuration()
+    simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * limits
     simulation.step(round(1.0 / PHYSICS_STEP_S))
-    assert_allclose(simulation.joint_positions(), stopped_rad, rtol=0.0, atol=2e-3)
+    assert_allclose(simulation.configuration(), stopped, rtol=0.0, atol=2e-3)
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/DrinkingJaco-v1"])

@@ -49,6 +49,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int, vertice
     return State(
         robot_pos_w=around(rng),
         joint_positions=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
+        base_displacement=np.zeros((WORLDS, 0)),
         tool_pos_w=around(rng),
         tool_q_w=rotations(rng),
         pad_pos_w=around(rng),

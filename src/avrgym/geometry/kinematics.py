@@ -8,7 +8,7 @@ bits alone and among others.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
 
@@ -110,6 +110,8 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
         if body in joint_of_body:
             segments.insert(0, (joint_of_body[body], pos, q))
             pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
+        elif model.body_jntnum[body]:
+            raise ValueError(f"body {model.body(body).name!r} between {base!r} and {tip!r} has another joint")
         pos, q = transforms.compose(model.body_pos[body], model.body_quat[body], pos, q)
         body = int(model.body_parentid[body])
     names = tuple(name for name, _, _ in segments)
@@ -155,6 +157,33 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
     poses = _poses(chain, rows_last(joint_positions))
     q = transforms.from_matrix(rows_first(poses.columns))
     return rows_first(poses.tip), q, rows_first(_jacobian(poses))
+
+
+def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) -> FloatArray:
+    """Jacobian (N, 6, A) of a tip in the frame of the robot's base, by the speeds of joints and drive.
+
+    With ``drives``, the last columns are those of moving the base along x and of turning it about z.
+    """
+    pos, _, j = jacobian(chain, joint_positions)
+    if not drives:
+        return j
+    base = np.zeros((len(pos), 6, 2))
+    base[:, 0, 0] = base[:, 5, 1] = 1.0
+    base[:, 0, 1], base[:, 1, 1] = -pos[:, 1], pos[:, 0]
+    return np.concatenate([j, base], axis=-1)
+
+
+def with_travel(chain: Chain, travel_m: float) -> Chain:
+    """The chain of an arm whose base also travels up to this far along its x axis: a slide before the first joint."""
+    return replace(
+        chain,
+        pos=np.concatenate([np.zeros((1, 3)), chain.pos]),
+        q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.q]),
+        axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.axis]),
+        lower=np.concatenate([[-travel_m], chain.lower]),
+        upper=np.concatenate([[travel_m], chain.upper]),
+        slides=frozenset({0, *(slide + 1 for slide in chain.slides)}),
+    )
 
 
 def reach_m(chain: Chain) -> float:

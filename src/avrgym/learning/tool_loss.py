@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from avrgym.array_types import Float32Array
-from avrgym.geometry.kinematics import jacobian
+from avrgym.geometry.kinematics import action_jacobian
 from avrgym.models.scene import SceneConfig
 from avrgym.tasks.placement import arm_chain
 
@@ -31,19 +31,21 @@ class ToolMotion:
 
     def __init__(self, scene: SceneConfig) -> None:
         self._chain = arm_chain(scene)
-        self._reach = scene.arm.speed_limit * scene.control_step_s
+        self._reach = scene.speed_limit * scene.control_step_s
+        self._drives = scene.robot.drive is not None
 
     def per_action(self, joint_positions: Float32Array) -> Tensor:
-        """The tool's motion in a control step (..., 6, J) for action 1 of each joint of arms at angles (..., J).
+        """The tool's motion in a control step (..., 6, A) for actions of 1, of arms at joint positions (..., J).
 
         Rows 0–2 are translations along x, y and z of the robot's base in ``UNIT_M``, rows 3–5 rotations in
         ``UNIT_RAD``.
         """
         joints = joint_positions.shape[-1]
-        _, _, per_rad = jacobian(self._chain, joint_positions.reshape(-1, joints).astype(np.float64))
+        positions = joint_positions.reshape(-1, joints).astype(np.float64)
+        by_speed = action_jacobian(self._chain, positions, drives=self._drives)
         units = np.repeat([UNIT_M, UNIT_RAD], 3)[:, None]
-        per_action = (per_rad * self._reach / units).astype(np.float32)
-        return torch.as_tensor(per_action.reshape(*joint_positions.shape[:-1], 6, joints))
+        per_action = (by_speed * self._reach / units).astype(np.float32)
+        return torch.as_tensor(per_action.reshape(*joint_positions.shape[:-1], 6, len(self._reach)))
 
 
 def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tensor:

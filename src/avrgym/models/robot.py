@@ -15,11 +15,10 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.collision_bits import CollisionBits
+from avrgym.models.drive import DRIVE_ACTIONS, DRIVE_JOINTS, MOTOR_GROUP, DifferentialDrive, add_drive
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
-MOTOR_GROUP = 1
-"""Actuator group of the moving arm."""
 Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
 Place = Literal["wheelchair", "bed"]
@@ -164,6 +163,8 @@ class Robot:
         half_width_m: half the width of a square base on the floor.
         fixed_joints: positions of all other joints, radians or metres; default: 0.
         cameras: cameras by name, such as ``head``.
+        drive: drive of a base on the floor, which moves while the arm works. Actions then end with forward speed and
+            turn rate.
     """
 
     name: str
@@ -176,6 +177,15 @@ class Robot:
     half_width_m: float = 0.0
     fixed_joints: Mapping[str, float] = field(default_factory=dict[str, float])
     cameras: Mapping[str, CameraMount] = field(default_factory=dict[str, CameraMount])
+    drive: DifferentialDrive | None = None
+
+    def first_joint(self, arm: Arm) -> str:
+        """Name of the joint that moves everything that moves: the arm's first one, or one of the drive."""
+        return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
+
+    def action_names(self, arm: Arm) -> tuple[str, ...]:
+        """Names of the A components of an action: the joints, then ``DRIVE_ACTIONS`` of a driving robot."""
+        return (*arm.joints, *(() if self.drive is None else DRIVE_ACTIONS))
 
 
 class UnsuitableError(ValueError):
@@ -225,6 +235,8 @@ def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad:
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
     """Model of a robot without a scene: collision bits, a velocity servo on each joint of the arm, other joints fixed.
 
+    Joints that mimic a joint of the arm follow it. A drive has three joints, see ``DRIVE_JOINTS``.
+
     The servo integrates its command into a target angle within the joint's range. It acts like a spring of
     ``stiffness`` with critical damping at the seed pose, within the motor's torque. MuJoCo's damping ratio is not used:
     it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would overshoot.
@@ -236,7 +248,9 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
         fixed |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
     fix_joints(spec, arm.joints, fixed)
     _add_servos(spec, arm)
-    _shape_brakes(spec, arm)
+    if robot.drive is not None:
+        add_drive(spec, spec.body(robot.base), robot.drive)
+    _shape_brakes(spec, (*arm.joints, *(DRIVE_JOINTS if robot.drive is not None else ())))
     return spec
 
 
@@ -274,13 +288,13 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
     """Weld all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
 
-    A joint that mimics another (an equality in MuJoCo) follows it.
+    A joint that mimics another (an equality in MuJoCo) follows it, also while that one moves.
 
     Raises:
-        ValueError: for a moving joint that mimics another one, or is mimicked.
+        ValueError: for a moving joint that mimics another one.
     """
-    fixed = _with_mimics(spec, moving, fixed)
-    for joint in [joint for joint in spec.joints if joint.name not in moving]:
+    fixed, following = _with_mimics(spec, moving, fixed)
+    for joint in [joint for joint in spec.joints if joint.name not in {*moving, *following}]:
         if value := fixed.get(joint.name, 0.0):
             _displace(joint.parent, joint, value)
         spec.delete(joint)
@@ -288,15 +302,20 @@ def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, f
 
 def _with_mimics(
     spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]
-) -> Mapping[str, float]:
-    """Positions of the fixed joints including mimic joints. Removes their equalities."""
+) -> tuple[Mapping[str, float], set[str]]:
+    """Positions of the fixed joints including mimic joints, and names of joints that mimic a moving one.
+
+    Removes the equalities of the fixed joints.
+    """
     mimics = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT]
-    positions = dict(fixed)
     for each in mimics:
-        if {each.name1, each.name2} & {*moving}:
+        if each.name1 in moving:
             raise ValueError(
-                f"the joint {each.name1!r} mimics {each.name2!r}; allowed: joints of a hand, not of the moving arm"
+                f"the joint {each.name1!r} of the arm mimics {each.name2!r}; allowed: joints that others mimic"
             )
+    following = {each.name1 for each in mimics if each.name2 in moving}
+    mimics = [each for each in mimics if each.name1 not in following]
+    positions = dict(fixed)
     for _ in mimics:  # a joint may mimic a joint that mimics another one
         for each in mimics:
             if each.name1 not in fixed:
@@ -304,7 +323,7 @@ def _with_mimics(
                 positions[each.name1] = sum(float(each.data[power]) * leads**power for power in range(5))
     for each in mimics:
         spec.delete(each)
-    return positions
+    return positions, following
 
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -339,8 +358,8 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
     return orientation
 
 
-MAX_JOINT_SPEED_RAD_S = np.radians(48.0)
-"""Highest joint speed of the Jaco, an assistive arm."""
+MAX_JOINT_SPEED_RAD_S, MAX_SLIDE_SPEED_M_S = np.radians(48.0), 0.25
+"""Highest joint speed of the Jaco, an assistive arm; reduced speed of ISO 10218-1:2011."""
 SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo: 0.1 s of lag at full speed."""
 
@@ -359,10 +378,10 @@ def tuned_arm(
 
     Args:
         build: returns the robot's model, as in ``Robot``.
-        joints: names of the J hinges, from base to hand.
+        joints: names of the J joints, from base to hand.
         end_effector: body that holds tools.
         seed_pose: start pose of the inverse kinematics (J,).
-        speed_limit: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S``.
+        speed_limit: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S`` and ``MAX_SLIDE_SPEED_M_S``.
         effort_limit: (J,) or one value.
         finger_prefix: see ``Arm``.
 
@@ -383,6 +402,7 @@ def tuned_arm(
             ("effort_limit", effort_limit),
         )
     )
+    slides = [spec.joint(name).type == mujoco.mjtJoint.mjJNT_SLIDE for name in joints]
     fix_joints(spec, joints, {})
     model = compile_model(spec)
     data = mujoco.MjData(model)
@@ -395,7 +415,7 @@ def tuned_arm(
     return Arm(
         joints=tuple(joints),
         end_effector=end_effector,
-        speed_limit=np.minimum(speed, MAX_JOINT_SPEED_RAD_S),
+        speed_limit=np.minimum(speed, np.where(slides, MAX_SLIDE_SPEED_M_S, MAX_JOINT_SPEED_RAD_S)),
         effort_limit=torque,
         stiffness=SERVO_FREQUENCY_RAD_S**2 * turned,
         inertia=turned,
@@ -435,8 +455,8 @@ BRAKE_IMPEDANCE = 0.9999
 """Impedance of a brake, the highest in MuJoCo. The remaining share of the load makes the joint creep."""
 
 
-def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
+def _shape_brakes(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     """Set the friction parameters that ``safety.brakes.Brakes`` uses."""
-    for joint in arm.joints:
+    for joint in joints:
         spec.joint(joint).solref_friction = [BRAKING_TIME_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_IMPEDANCE, BRAKE_IMPEDANCE, 0.001, 0.5, 2.0]

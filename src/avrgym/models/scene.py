@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits, human, robot
 from avrgym.models.cloth import add_cloth
@@ -47,6 +49,17 @@ class SceneConfig:
     def substeps(self) -> int:
         """Number of physics steps in a control step."""
         return round(self.control_step_s / PHYSICS_STEP_S)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the A components of an action; see ``Robot.action_names``."""
+        return self.robot.action_names(self.arm)
+
+    @property
+    def speed_limit(self) -> FloatArray:
+        """Speeds (A,) of actions of 1: rad/s of hinges and turns, m/s of slides and forward."""
+        drive = () if self.robot.drive is None else self.robot.drive.speed_limit
+        return np.concatenate([self.arm.speed_limit, drive])
 
 
 def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:

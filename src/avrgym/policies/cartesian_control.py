@@ -4,7 +4,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.kinematics import chain_of, jacobian
+from avrgym.geometry.kinematics import action_jacobian, chain_of
 from avrgym.models import robot
 from avrgym.simulation.worlds import Simulation
 
@@ -24,7 +24,8 @@ class CartesianController:
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
         self.chain = chain_of(simulation.model, joints, *ends)
-        self._simulation, self._speed_limit = simulation, scene.arm.speed_limit
+        self._simulation, self._speed_limit = simulation, scene.speed_limit
+        self._drives = scene.robot.drive is not None
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
         """The action (A,) for a velocity of the hand. It is scaled down to the speed limits of joints and hand.
@@ -34,10 +35,11 @@ class CartesianController:
                 length 1.
             angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, world frame; clipped to length 1.
         """
-        _, q_wb = (pose[0] for pose in self._simulation.robot_base())
+        q_wb = self._simulation.present_base()[1][0]
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        j: FloatArray = jacobian(self.chain, self._simulation.joint_positions()[:1])[2][0]
+        positions = self._simulation.joint_positions()[:1]
+        j = action_jacobian(self.chain, positions, drives=self._drives)[0]
         speeds = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
         shares, reached = speeds / self._speed_limit, j @ speeds
         excess = (

@@ -2,18 +2,21 @@
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 
 import mujoco
 import numpy as np
 
 from avrgym.geometry import kinematics
+from avrgym.geometry.kinematics import SLIDE
 from avrgym.models import robot as models
 from avrgym.models.cameras import SCENE, WRIST
 from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_JOINTS = 6
 """Minimum number of joints for any position and rotation."""
-MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 1.5, 2.0 * np.pi
+MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
 """Limits of reach and joint angles, because observations are bounded."""
 
 
@@ -36,7 +39,8 @@ def _check_names(robot: Robot) -> Iterator[str]:
     if not robot.grips:
         yield "it has no grips; allowed: at least one, by the name of the tool"
     for side, arm in robot.arms.items():
-        yield from _check_arm(side, arm)
+        yield from _check_arm(side, arm, robot.drive is not None)
+    yield from _check_drive(robot)
     for name, mount in robot.cameras.items():
         if not name.isidentifier() or name in (WRIST, SCENE):
             yield f"unknown camera name {name!r}; allowed: identifiers except {WRIST} and {SCENE}"
@@ -55,10 +59,21 @@ def _check_keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Ite
             yield f"unknown {field} {key!r}; allowed: {', '.join(allowed)}"
 
 
-def _check_arm(side: str, arm: Arm) -> Iterator[str]:
+def _check_drive(robot: Robot) -> Iterator[str]:
+    if robot.drive is None:
+        return
+    for name, value in asdict(robot.drive).items():
+        if not (np.isfinite(value) and value > 0.0):
+            yield f"{name} of its drive is {value}; allowed: above 0"
+    carried = [place for place, mount in robot.mounts.items() if not mount.on_floor]
+    if carried:
+        yield f"it drives, but furniture carries it next to {', '.join(carried)}; allowed: mounts without a carrier"
+
+
+def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
     count = len(arm.joints)
-    if count < MIN_JOINTS:
-        yield f"its {side} arm has {count} joints; allowed: {MIN_JOINTS} or more"
+    if count + drives < MIN_JOINTS:
+        yield f"its {side} arm has {count} joints; allowed: {MIN_JOINTS} or more, one less with a drive"
     for name in (
         "speed_limit",
         "effort_limit",
@@ -110,13 +125,11 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     except ValueError as error:
         yield f"its {side} arm: {error}"
         return
-    others = [
-        model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE
-    ]
-    if others:
+    types = {name: model.joint(name).type[0] for name in arm.joints}
+    if others := [name for name, kind in types.items() if kind not in (HINGE, SLIDE)]:
         yield (
-            f"{', '.join(others)} of its {side} arm is no hinge; allowed: revolute and continuous joints. "
-            "Prismatic ones can only be fixed, by `fixed_joints` or `fingers`"
+            f"{', '.join(others)} of its {side} arm is neither hinge nor slide; allowed: revolute, continuous and "
+            "prismatic joints"
         )
         return
     try:
@@ -131,9 +144,11 @@ def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
     if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
         yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {MAX_REACH_M} m"
     turns = np.maximum(np.abs(way.lower), np.abs(way.upper))
-    for joint, turn in zip(arm.joints, turns, strict=True):
-        if turn > MAX_JOINT_ANGLE_RAD + 1e-9:
+    for number, (joint, turn) in enumerate(zip(arm.joints, turns, strict=True)):
+        if number not in way.slides and turn > MAX_JOINT_ANGLE_RAD + 1e-9:
             yield f"{joint} needs a range; allowed: within two turns, −2π to 2π"
+        if number in way.slides and not np.isfinite(turn):
+            yield f"{joint} needs a range; allowed: metres between two finite ends"
     outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
     for joint in np.array(arm.joints)[outside]:
         yield f"the seed pose of its {side} arm is outside the range of {joint}"

@@ -76,12 +76,13 @@ class ApproachSpeedMonitor(PerWorldState):
 
 
 def effective_mass_kg(simulation: Simulation) -> float:
-    """Returns an arm's effective mass in an impact: half the mass that its joints move, plus the tool.
+    """Returns a robot's effective mass in an impact: half the mass that its joints or its drive move, plus the tool.
 
     ISO/TS 15066:2016, A.3.4.
     """
     model = simulation.model
-    first = model.joint(robot.PREFIX + simulation.scene.arm.joints[0])
+    scene = simulation.scene
+    first = model.joint(robot.PREFIX + scene.robot.first_joint(scene.arm))
     moved_kg, tool_kg = (
         float(model.body_subtreemass[int(body)]) for body in (first.bodyid[0], model.body(TOOL).id)
     )

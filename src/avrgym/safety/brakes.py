@@ -1,10 +1,12 @@
-"""The brakes of an arm's joints: dry friction stops each joint and then holds its position."""
+"""The brakes of arm and drive: dry friction stops each joint and then holds its position."""
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.models.robot import MOTOR_GROUP, PREFIX, Arm
+from avrgym.models.drive import DRIVE_JOINTS, MOTOR_GROUP
+from avrgym.models.robot import PREFIX
+from avrgym.models.scene import SceneConfig
 
 HOLDING_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
@@ -15,25 +17,27 @@ creep."""
 
 
 class Brakes:
-    """The brakes of one arm in every world of a batch."""
+    """The brakes of one robot in every world of a batch."""
 
-    def __init__(self, batch: Batch, arm: Arm) -> None:
-        model = batch.get_model(0)
-        self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in arm.joints])
-        self._effort = HOLDING_FACTOR * arm.effort_limit
+    def __init__(self, batch: Batch, scene: SceneConfig) -> None:
+        model, arm, drive = batch.get_model(0), scene.arm, scene.robot.drive
+        joints = (*arm.joints, *(DRIVE_JOINTS if drive is not None else ()))
+        self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in joints])
+        limits = np.concatenate([arm.effort_limit, drive.effort_limit if drive is not None else ()])
+        self._effort = HOLDING_FACTOR * limits
         self._default_solver = int(model.opt.solver), float(model.opt.tolerance)
         self._friction = batch.expand("dof_frictionloss")
         self._disabled_actuators = batch.expand("opt.disableactuator")
         self._solver, self._tolerance = batch.expand("opt.solver"), batch.expand("opt.tolerance")
 
     def engage(self) -> None:
-        """Switch the motors off, stop the arms and hold them."""
+        """Switch the motors off, stop the robots and hold them."""
         self._disabled_actuators[:] = 1 << MOTOR_GROUP
         self._friction[:, self._dofs] = self._effort
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE
 
     def release(self) -> None:
-        """Release the brakes: the arms can move."""
+        """Release the brakes: the robots can move."""
         self._disabled_actuators[:] = 0
         self._friction[:, self._dofs] = 0.0
         self._solver[:], self._tolerance[:] = self._default_solver

@@ -46,22 +46,21 @@ class ForceGuard(PerWorldState):
     def __init__(self, simulation: Simulation) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``)."""
         self._simulation = simulation
-        self._travel = PHYSICS_STEP_S * simulation.scene.arm.speed_limit
         self._approach = ApproachSpeedMonitor(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
-        angles = simulation.joint_positions()
-        worlds = len(angles)
-        self.output = np.zeros_like(angles)
+        configuration = simulation.configuration()
+        worlds = len(configuration)
+        self.output = np.zeros((worlds, len(simulation.scene.action_names)))
         self.retracting, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
         self.interventions = np.zeros(worlds, dtype=np.intp)
         self._commanded, self._force_n = self.output, np.zeros((worlds, len(BODY_REGIONS)))
-        self._path = np.repeat(angles[:, None], WAYPOINTS, axis=1)
+        self._path = np.repeat(configuration[:, None], WAYPOINTS, axis=1)
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     def reset(self, ids: IntArray) -> None:
         """Start episodes in worlds ``ids`` (n,), from their present state."""
         self._approach.reset(ids)
         self._clear(ids)
-        self._path[ids] = self._simulation.joint_positions()[ids, None]
+        self._path[ids] = self._simulation.configuration()[ids, None]
         self._path_end[ids] = 1
 
     @property
@@ -123,20 +122,20 @@ class ForceGuard(PerWorldState):
         )
 
     def _store_waypoints(self) -> None:
-        """Store the joint positions of arms that do not retract, unless they are near their latest waypoint."""
-        angles = self._simulation.joint_positions()
-        rows = np.arange(len(angles))
+        """Store the configurations of robots that do not retract, unless they are near their latest waypoint."""
+        now = self._simulation.configuration()
+        rows = np.arange(len(now))
         latest = self._path[rows, (self._path_end - 1) % WAYPOINTS]
-        distance = np.abs((angles - latest) / self._simulation.joint_units).max(axis=-1)
+        distance = np.abs((now - latest) / self._simulation.units).max(axis=-1)
         moved = ~self.retracting & (distance >= WAYPOINT_RAD)
-        self._path[rows[moved], self._path_end[moved] % WAYPOINTS] = angles[moved]
+        self._path[rows[moved], self._path_end[moved] % WAYPOINTS] = now[moved]
         self._path_end = self._path_end + moved
         self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
 
     def _retract(self) -> FloatArray:
         """Actions (N, A) towards the latest waypoint, at the joints' speed limits. Reached waypoints are deleted."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
-        steps = (waypoint - self._simulation.joint_targets()) / self._travel
+        steps = self._simulation.share_toward(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)
         reached = self.retracting & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached

@@ -14,6 +14,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models import human, robot
 from avrgym.models.collision_bits import COLLISION_GROUP, FURNITURE, PERSON
+from avrgym.models.drive import DRIVE_JOINTS
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
 
@@ -75,13 +76,20 @@ class Retreat:
         """
         self._simulation, self._world = simulation, world
         self._clear_m, self._free_m = clear_m, free_m
+        self._drives = simulation.scene.robot.drive is not None
         self._model = model = copy(simulation.batch.get_model(world))
         self._data = mujoco.MjData(model)
         joints = [model.joint(robot.PREFIX + name) for name in simulation.scene.arm.joints]
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
+        self._drive_dofs = np.array(
+            [model.joint(robot.PREFIX + name).dofadr[0] for name in DRIVE_JOINTS if self._drives], dtype=int
+        )
         limited = np.array([model.jnt_limited[joint.id] for joint in joints], bool)
         self._range = np.where(limited[:, None], [joint.range for joint in joints], [-np.inf, np.inf])
-        self._links, self._hand = (_moved_by(model, joint.id) for joint in (joints[0], joints[-1]))
+        self._speed_limit = simulation.scene.speed_limit
+        scene = simulation.scene
+        first = model.joint(robot.PREFIX + scene.robot.first_joint(scene.arm))
+        self._links, self._hand = (_moved_by(model, joint.id) for joint in (first, joints[-1]))
         self._person = {model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
         self._tool = model.body(TOOL).id
@@ -97,7 +105,7 @@ class Retreat:
         if self._steps * self._step_s >= MAX_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
-        return self._speeds(self._desired_velocity_w(near), near) / self._simulation.scene.arm.speed_limit
+        return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
 
     def _is_clear(self, near: NearGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]
@@ -116,19 +124,19 @@ class Retreat:
         return SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
-        """The joint speeds (J,) that best achieve a tool velocity without rotation, within the limits of gaps and joint
-        ranges.
+        """The speeds (A,) of joints and drive that best achieve a tool velocity without rotation, within the limits of
+        gaps and joint ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= ROTATION_LEVER_M
-        positions, joints = self._simulation.joint_positions()[self._world], np.eye(len(self._dofs))
+        positions = self._simulation.joint_positions()[self._world]
+        joints = np.eye(len(self._dofs), len(self._speed_limit))
         down, up = positions - self._range[:, 0], self._range[:, 1] - positions
         rows = np.concatenate([near.rows, joints, -joints])
         room = np.concatenate([near.gap_m - MIN_GAP_M, down, up])
         least = -np.clip(room / BRAKING_TIME_S, 0.0, 10.0)
         speeds = _solved(jacobian, np.concatenate([velocity_w, np.zeros(3)]), rows, least)
-        limit = self._simulation.scene.arm.speed_limit
-        excess = np.abs(speeds / limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
+        excess = np.abs(speeds / self._speed_limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
         return speeds / max(1.0, *excess)
 
     def _near(self) -> NearGaps:
@@ -143,14 +151,20 @@ class Retreat:
                     of_hand = link in self._hand and obstacle in self._person
                     pairs.append((gap_m, away_w, away_w @ jacobian[:3], of_hand))
         if not pairs:
-            return NearGaps(np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._dofs))), np.zeros(0, bool))
+            return NearGaps(
+                np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._speed_limit))), np.zeros(0, bool)
+            )
         return NearGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
-        """The Jacobian (6, J) of a point of a body, from joint speeds to linear and angular velocity."""
+        """The Jacobian (6, A) of a point of a body, from speeds of joints and drive to linear and angular velocity."""
         jacobian = np.empty((6, self._model.nv))
         mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], pos_w, body)
-        return jacobian[:, self._dofs]
+        if not self._drives:
+            return jacobian[:, self._dofs]
+        x, y, turn = jacobian[:, self._drive_dofs].T
+        yaw = self._simulation.base_displacement()[self._world, 2]
+        return np.column_stack([jacobian[:, self._dofs], np.cos(yaw) * x + np.sin(yaw) * y, turn])
 
 
 def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatArray) -> FloatArray:

@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from avrgym.array_types import IntArray
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import constant_like
 from avrgym.models import human, robot
+from avrgym.models.drive import DRIVE_JOINTS, DRIVE_SERVOS
 from avrgym.models.scene import (
     ANY_CONTACT_SENSOR,
     ANY_FORCE_SENSOR,
@@ -32,6 +33,10 @@ class ModelAddresses:
         self.arm_qpos = _qpos(model, arm)
         self.arm_ctrl = actuators(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
+        self.followers = _followers(model)
+        drives = scene.robot.drive is not None
+        self.drive_qpos = _qpos(model, [robot.PREFIX + joint for joint in DRIVE_JOINTS if drives])
+        self.drive_ctrl = actuators(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
         self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
         self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
         self.tool = model.body(TOOL).id
@@ -43,7 +48,7 @@ class ModelAddresses:
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
-        driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm)]
+        driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm) + len(self.drive_ctrl)]
         self.person_qpos, self.person_ctrl = _qpos(model, driven), actuators(model, driven)
         self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
         particles = scene.tool.particles.bodies if scene.tool.particles else ()
@@ -68,6 +73,25 @@ class ModelAddresses:
             if isinstance(addresses, np.ndarray):
                 setattr(there, name, constant_like(addresses, array))
         return there
+
+
+class Follower(NamedTuple):
+    """A joint that mimics another: indices of both in qpos, and the polynomial's coefficients (5,)."""
+
+    qpos: int
+    leader_qpos: int
+    polynomial: FloatArray
+
+
+def _followers(model: mujoco.MjModel) -> tuple[Follower, ...]:
+    """The joints that equalities couple to others."""
+    return tuple(
+        Follower(
+            *(int(model.jnt_qposadr[joint[each]]) for joint in (model.eq_obj1id, model.eq_obj2id)), polynomial
+        )
+        for each, polynomial in enumerate(model.eq_data[:, :5])
+        if model.eq_type[each] == mujoco.mjtEq.mjEQ_JOINT
+    )
 
 
 def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> IntArray:

@@ -11,10 +11,11 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.geometry import kinematics, transforms
+from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.arrays import constant_like, float_copy, moved_to, namespace, to_numpy
 from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human, robot
+from avrgym.models.drive import DifferentialDrive
 from avrgym.models.human import Person
 from avrgym.models.scene import (
     ANY_CONTACTS,
@@ -44,6 +45,8 @@ MAX_LEAD_RAD = 0.08
 ``kinematics.joint_units``."""
 
 
+BASE_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+"""Types of the joints of ``Simulation.base_displacement``."""
 PARKING_W = np.array([4.0, 4.0, 0.1])
 """Position of removed particles: far from everything, weightless, without contacts."""
 
@@ -116,10 +119,14 @@ class Simulation:
         self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit
+        self._drive = scene.robot.drive
         types = [self.model.joint(robot.PREFIX + joint).type[0] for joint in scene.arm.joints]
-        self.joint_units = kinematics.joint_units(types)
-        self._max_lead = MAX_LEAD_RAD * self.joint_units
-        self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
+        units = kinematics.joint_units(types)
+        self._max_lead = MAX_LEAD_RAD * units
+        of_base = [] if self._drive is None else kinematics.joint_units(BASE_TYPES)
+        self.units = np.concatenate([units, of_base])
+        """Displacements that count as 1 in a configuration, see ``kinematics.Chain.units``."""
+        self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
 
     @property
@@ -139,6 +146,11 @@ class Simulation:
         self.batch.set_const(ids)
         self._person.make_contacts_compliant(ids)
         host.qpos[np.ix_(ids, names.arm_qpos)] = start.joint_positions
+        for joint in names.followers:
+            leader = host.qpos[ids, joint.leader_qpos]
+            host.qpos[ids, joint.qpos] = sum(
+                share * leader**power for power, share in enumerate(joint.polynomial)
+            )
         host.act[np.ix_(ids, names.arm_act)] = start.joint_positions
         if self.moving:
             host.qpos[np.ix_(ids, names.person_qpos)] = start.people.joint_angles_rad
@@ -184,32 +196,48 @@ class Simulation:
                 host.qpos[ids[:, None, None], qpos] = pos
 
     def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
-        """Command the arm's joint speeds for the next steps: actions (N, J) in [−1, 1], speeds divided by their limits.
+        """Command speeds for the next steps: actions (N, A) in [−1, 1], speeds divided by their limits.
 
-        The mask ``which`` (N,) limits the command to some worlds; not on a device.
+        A drive that would exceed the speed limit of a wheel slows down on the same curve. The mask ``which`` (N,)
+        limits the command to some worlds; not on a device.
         """
         if self._brakes is not None:
             self._brakes.release()
         at = self._at
         if which is None:
             self._now.act[:, at.arm_act] = self.joint_targets()
-            self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
+            self._now.ctrl[:, at.arm_ctrl] = self._joint_speed(action)
+            if self._drive is not None:
+                self._now.ctrl[:, at.drive_ctrl] = self._base_velocity(action, self._drive)
         else:
             rows = np.nonzero(which)[0][:, None]
             self._now.act[rows, self._names.arm_act] = self.joint_targets()[which]
-            self._now.ctrl[rows, self._names.arm_ctrl] = self._speed(action[which])
+            self._now.ctrl[rows, self._names.arm_ctrl] = self._joint_speed(action[which])
+            if self._drive is not None:
+                self._now.ctrl[rows, at.drive_ctrl] = self._base_velocity(action[which], self._drive)
 
-    def _speed(self, action: FloatArray) -> FloatArray:
-        """The joint speeds of actions (n, J), rad/s or m/s."""
-        return namespace(action).clip(action, -1.0, 1.0) * constant_like(self._speed_limit, action)
+    def _joint_speed(self, action: FloatArray) -> FloatArray:
+        """The joint speeds (n, J) of actions (n, A), rad/s or m/s."""
+        of_arm = action[:, : len(self._speed_limit)]
+        return namespace(of_arm).clip(of_arm, -1.0, 1.0) * constant_like(self._speed_limit, of_arm)
+
+    def _base_velocity(self, action: FloatArray, drive: DifferentialDrive) -> FloatArray:
+        """The velocity (n, 3) of the base for actions (n, A): forward, sideways (0) and turning, m/s and rad/s."""
+        xp, of_drive = namespace(action), action[:, len(self._speed_limit) :]
+        forward, turn = (xp.clip(of_drive, -1.0, 1.0) * constant_like(drive.speed_limit, of_drive)).T
+        wheel = xp.abs(forward) + 0.5 * drive.track_width_m * xp.abs(turn)
+        share = drive.speed_limit_m_s / xp.maximum(wheel, drive.speed_limit_m_s)
+        return xp.stack([share * forward, 0.0 * forward, share * turn], axis=-1)
 
     def brake_robot(self) -> None:
-        """Brake the arms: they stop and hold their position. Each servo's target becomes the position of its joint."""
+        """Brake arms and drives: they stop and hold their position. Servo targets become the joint positions."""
         at = self._at
         if self._brakes is not None:
             self._brakes.engage()
         self._now.act[:, at.arm_act] = self._now.qpos[:, at.arm_qpos]
         self._now.ctrl[:, at.arm_ctrl] = 0.0
+        if self._drive is not None:
+            self._now.ctrl[:, at.drive_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: FloatArray, which: BoolArray | None = None) -> None:
         """Set the targets (N, 20) of a moving person's servos. With ``gliding`` they are reached after 0.1 s.
@@ -270,6 +298,7 @@ class Simulation:
         return State(
             robot_pos_w=float_copy(now.xpos[:, at.robot_torso]),
             joint_positions=self.joint_positions(),
+            base_displacement=self.base_displacement(),
             effector_velocity_w=float_copy(sensors[:, at.effector_velocity]),
             tool_velocity_w=float_copy(sensors[:, at.tool_velocity]),
             tool_pos_w=float_copy(now.xpos[:, at.tool]),
@@ -317,9 +346,16 @@ class Simulation:
         return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
 
     def robot_base(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
+        """Returns the robots' bases at the start of the episode: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
+
+    def present_base(self) -> tuple[FloatArray, FloatArray]:
+        """Returns the robots' bases now; they differ from ``robot_base`` if the robot drives."""
+        if self._drive is None:
+            return self.robot_base()
+        body = self._names.robot_base
+        return float_copy(self._now.xpos[:, body]), float_copy(self._now.xquat[:, body])
 
     def placed_pos_w(self) -> dict[str, FloatArray]:
         """Returns the positions (N, 3) of the furniture that every episode places, by body, world frame."""
@@ -328,6 +364,33 @@ class Simulation:
     def joint_positions(self) -> FloatArray:
         """Returns the joint positions of the arm, (N, J), rad or m."""
         return self._now.qpos[:, self._at.arm_qpos]
+
+    def base_displacement(self) -> FloatArray:
+        """Returns the displacement of driving bases from their start, (N, 3): x, y (m) and yaw (rad).
+
+        The frame is that of the start. (N, 0) for other robots.
+        """
+        return self._now.qpos[:, self._at.drive_qpos]
+
+    def configuration(self) -> FloatArray:
+        """Returns ``joint_positions`` and ``base_displacement``, (N, J) or (N, J + 3)."""
+        return np.concatenate([self.joint_positions(), self.base_displacement()], axis=-1)
+
+    def share_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
+        """Returns the speeds (N, A) that lead to a configuration in this time, as shares of the speed limits.
+
+        Arms start at their servo targets. A drive moves forward and turns by its share of the way; it leaves the way
+        sideways out.
+        """
+        share = (configuration[:, : len(self._speed_limit)] - self.joint_targets()) / (
+            duration_s * self._speed_limit
+        )
+        if self._drive is None:
+            return share
+        x, y, yaw = (configuration[:, len(self._speed_limit) :] - self.base_displacement()).T
+        sine, cosine = elementary.sine_and_cosine(self.base_displacement()[:, 2])
+        motion = np.stack([cosine * x + sine * y, yaw], axis=-1)
+        return np.concatenate([share, motion / (duration_s * self._drive.speed_limit)], axis=-1)
 
     def joint_targets(self) -> FloatArray:
         """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint positions."""

@@ -2,9 +2,11 @@
 
 from itertools import product
 
+from avrgym.robots import optional
+
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 TASKS = (*PAPER_TASKS, "Dressing")
-ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5")
+ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional.INSTALLED)
 """Names of the packaged tasks and robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2

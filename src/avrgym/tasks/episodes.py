@@ -131,8 +131,8 @@ class Episodes:
                 "people with human actions or trained policies need the engine threads; "
                 f"allowed with {engine}: other people"
             )
-        self.action_size = len(self.scene.arm.joints)
-        """Length J of an action: one number for each joint of the arm."""
+        self.action_size = len(self.scene.action_names)
+        """Length A of an action, see ``SceneConfig.action_names``."""
         self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered]
         """The joints that ``command_people`` moves, by name."""
         self.observation = self.task.observation(self.scene)

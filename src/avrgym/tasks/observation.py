@@ -10,6 +10,7 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
+from avrgym.tasks.placement import arm_chain
 
 EntryFunction = Callable[[State, Any], FloatArray]
 """A function that computes values (N, k), or (N,) for one value, from the states of N worlds and of the task."""
@@ -17,7 +18,8 @@ EntryFunction = Callable[[State, Any], FloatArray]
 MAX_DISTANCE_M = 3.0
 """Bound of a distance: arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
 MAX_ANGLE_RAD = 7.0
-"""Bound of a joint angle: ranges end at ±2π, and soft limits allow slightly more."""
+"""Bound of a joint position: ranges end at ±2π, and soft limits allow slightly more. Slides and bases move by less than
+7 m."""
 UNIT_BOUND = 1.001
 """Bound of a component of a unit quaternion, with a margin for rounding."""
 MAX_FORCE_N = 10_000.0
@@ -57,7 +59,7 @@ def quaternion(name: str, of: EntryFunction) -> Entry:
 
 
 def angles(name: str, count: int, of: EntryFunction) -> Entry:
-    """Entry of joint angles in radians."""
+    """Entry of joint positions in radians or metres."""
     return Entry(name, count, MAX_ANGLE_RAD, of)
 
 
@@ -132,8 +134,20 @@ def number_names(observation: Observation) -> list[str]:
 
 
 def joint_positions(scene: SceneConfig) -> Entry:
-    """Entry of the moving arm's joint angles."""
-    return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.joint_positions)
+    """Entry of the moving arm's joint positions, then x, y and yaw of a driving base relative to its start.
+
+    The name is ``arm_angles_rad`` for arms of hinges on a fixed base.
+    """
+    count, drives = len(scene.arm.joints), scene.robot.drive is not None
+    if drives:
+        return angles("joint_positions", count + 3, _joint_positions_and_base)
+    name = "joint_positions" if arm_chain(scene).slides else "arm_angles_rad"
+    return angles(name, count, lambda state, _: state.joint_positions)
+
+
+def _joint_positions_and_base(state: State, _: Any) -> FloatArray:
+    parts = [state.joint_positions, state.base_displacement]
+    return namespace(*parts).concat(parts, axis=-1)
 
 
 def _right_arm(joint: int) -> EntryFunction:

@@ -22,7 +22,7 @@ from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for a base, or for the arm of a fixed base: enough for the restarts of 75 joints."""
-Z = [0.0, 0.0, 1.0]
+X, Z = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """Edge of wheelchair and bed on the person's right: x coordinate."""
 
@@ -82,6 +82,21 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     return kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
 
 
+DRIVE_TRAVEL_M = 0.8
+"""Distance that plans let a robot drive forward and back from its start."""
+
+
+@cache
+def planning_chain(scene: SceneConfig) -> kinematics.Chain:
+    """Kinematic chain of plans: ``arm_chain``, with a driving base's travel along its x axis as the first joint.
+
+    Plans use the drive as one more slide and keep the base's direction. With lift, telescoping arm and wrist it gives a
+    tool six degrees of freedom.
+    """
+    chain = arm_chain(scene)
+    return chain if scene.robot.drive is None else kinematics.with_travel(chain, DRIVE_TRAVEL_M)
+
+
 def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
     """Mouth positions (n, 3) and head rotations (n, 4) of seated people; world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
@@ -117,28 +132,33 @@ def placed_start(
 
     For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses, from which the tool also
     reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed
-    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution.
+    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. A driving
+    base starts where the first joint of ``planning_chain`` leads.
     """
-    chain, seed_pose, mount = arm_chain(scene), scene.arm.seed_pose, scene.mount
+    chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
+    seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
         base_q = np.tile(transforms.from_axis_angle(Z, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
-        angles = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
+        positions = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
     else:
         candidates = _clear_of_furniture(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
         found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
-        angles = found.joint_positions
+        positions = found.joint_positions
     missed_m = None
     if scene.checks_reach:
         pos, _ = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-        missed_m = transforms.norm(kinematics.forward(chain, angles)[0] - pos)
+        missed_m = transforms.norm(kinematics.forward(chain, positions)[0] - pos)
+    if drives:
+        base_pos = base_pos + transforms.rotate(base_q, X) * positions[:, :1]
+        positions = positions[:, 1:]
     placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
-    return Start(people, base_pos, base_q, angles, placed, missed_m)
+    return Start(people, base_pos, base_q, positions, placed, missed_m)
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 from avrgym.models.robot import Robot, UnsuitableError, standing_robot
 from avrgym.models.scene import SceneConfig
+from avrgym.robots.optional import how_to_add
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry
@@ -86,7 +87,9 @@ def find_environment(environment_id: str) -> tuple[str, str]:
         ValueError: for an unknown id, listing the ids.
     """
     if environment_id not in ENVIRONMENTS:
-        raise ValueError(f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}")
+        raise ValueError(
+            f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}{how_to_add(environment_id)}"
+        )
     return ENVIRONMENTS[environment_id]
 
 
@@ -143,4 +146,4 @@ def sizes(environment_id: str) -> tuple[int, int]:
         ValueError: for an unknown id. The message lists the ids.
     """
     task, scene = task_and_scene(environment_id)
-    return task.observation(scene).size, len(scene.arm.joints)
+    return task.observation(scene).size, len(scene.action_names)

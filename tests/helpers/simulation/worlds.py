@@ -17,6 +17,7 @@ def resting_state(**changes: Any) -> State:
     plain = State(
         robot_pos_w=point,
         joint_positions=np.zeros((1, 7)),
+        base_displacement=np.zeros((1, 0)),
         effector_velocity_w=point,
         tool_velocity_w=point,
         tool_pos_w=point,

@@ -43,8 +43,9 @@ def reward_terms(design: Design) -> list[str]:
 
 
 def action_size(design: Design) -> int:
-    """The largest number of arm joints of the design's robots. Each has a column of the control steps."""
-    return max(len(arm.joints) for name in design.robots for arm in find_robot(name).arms.values())
+    """The largest number of components of an action of the design's robots. Each has a column of the control steps."""
+    robots = [find_robot(name) for name in design.robots]
+    return max(len(robot.action_names(arm)) for robot in robots for arm in robot.arms.values())
 
 
 def table_columns(table: str, design: Design) -> Mapping[str, Column]:

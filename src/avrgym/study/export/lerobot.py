@@ -220,4 +220,4 @@ def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
     """Names of a feature's components; none for recordings of a version with another size."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
-    return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}
+    return {"observation.state": number_names(task.observation(scene)), "action": list(scene.action_names)}

@@ -42,7 +42,7 @@ class FeedbackPlanner(MotionPlanner):
         self.posture = np.clip(self.joint_positions, *self._middle)
 
     def _update(self) -> None:
-        self._set_positions(self._simulation.joint_positions())
+        self._continue_from(self._simulation.joint_positions())
 
 
 class FeedbackExpert:

@@ -21,13 +21,16 @@ PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
 """Costs of a collision and of tool tilt, and the distance at which the collision cost begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
+YAW_GAIN_PER_S = 2.0
+"""Turn rate of a driving base for each radian off its direction at the start."""
 UP = (0.0, 0.0, 1.0)
 
 
 class MotionPlanner:
     """Plans the moving arms of N worlds from one control step to the next.
 
-    Plans continue from the servo targets. Servo lag therefore does not slow the tool down.
+    Plans continue from the servo targets. Servo lag therefore does not slow the tool down. The first of the J joints of
+    a driving robot is the travel of its base, see ``placement.planning_chain``.
 
     Attributes:
         joint_positions: planned joint positions (N, J).
@@ -40,13 +43,15 @@ class MotionPlanner:
         """Start at the present joint positions."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
-        self._chain = placement.arm_chain(self.scene)
+        self._chain = placement.planning_chain(self.scene)
         self._step_s = self.scene.control_step_s
-        self._reach = self.scene.arm.speed_limit * self._step_s
+        self._drive = drive = self.scene.robot.drive
+        travel = () if drive is None else (drive.speed_limit_m_s,)
+        self._reach = np.concatenate([travel, self.scene.arm.speed_limit]) * self._step_s
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)
-        self._set_positions(self._simulation.joint_positions())
+        self._continue_from(self._simulation.joint_positions())
         self.posture = self.joint_positions
 
     def action_toward(
@@ -93,13 +98,18 @@ class MotionPlanner:
         return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to(self, joint_positions: FloatArray) -> FloatArray:
-        """Actions (N, J) that move the arms to joint positions (N, J) within the speed limits. All joints move in
-        proportion.
+        """Actions (N, A) that move the arms to joint positions (N, J) within the speed limits. All joints move in
+        proportion. A driving base turns back to its direction at the start.
         """
         self._update()
         step = self._within_limits(joint_positions - self.joint_positions)
         self._set_positions(self.joint_positions + step)
-        return step / self._reach
+        share = step / self._reach
+        if self._drive is None:
+            return share
+        yaw = self._simulation.base_displacement()[:, 2:]
+        turn = np.clip(-YAW_GAIN_PER_S * yaw / self._drive.turn_limit_rad_s, -1.0, 1.0)
+        return np.concatenate([share[:, 1:], share[:, :1], turn], axis=-1)
 
     def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
@@ -174,7 +184,18 @@ class MotionPlanner:
 
     def _update(self) -> None:
         """Continue from the present servo targets."""
-        self._set_positions(self._simulation.joint_targets())
+        self._continue_from(self._simulation.joint_targets())
+
+    def _continue_from(self, of_arm: FloatArray) -> None:
+        """Continue from joint positions of the arm (N, J) and from the present base."""
+        if self._drive is None:
+            self._set_positions(of_arm)
+            return
+        travel_m = self._simulation.base_displacement()[:, :1]
+        pos_w, q_w = self._simulation.present_base()
+        self._base_w = pos_w - travel_m * transforms.rotate(q_w, placement.X), q_w
+        self._to_base = transforms.invert(*self._base_w)
+        self._set_positions(np.concatenate([travel_m, of_arm], axis=-1))
 
     def _set_positions(self, joint_positions: FloatArray) -> None:
         self.joint_positions = joint_positions

@@ -36,11 +36,13 @@ class ArmShape:
 
 @cache
 def arm_shape(scene: SceneConfig) -> ArmShape:
-    """Capsules around the collision geoms of the moving arm."""
+    """Capsules around the collision geoms of the moving arm and of a driving base."""
     model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
+    if scene.robot.drive is not None:
+        bodies.insert(0, model.body(scene.robot.base).id)
     tool = model.body(TOOL_BODY).id
     link: list[int] = []
     ends: list[FloatArray] = []
@@ -58,7 +60,7 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
         ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
         radius.append(r)
         is_tool.append(model.geom_bodyid[geom] == tool)
-    chain = placement.arm_chain(scene)
+    chain = placement.planning_chain(scene)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
     return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 

@@ -59,10 +59,7 @@ class ScratchItchExpert:
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
-        self._q_limb, self._before = (
-            np.zeros((count, 4)),
-            np.zeros((count, len(episodes.scene.arm.joints))),
-        )
+        self._q_limb, self._before = np.zeros((count, 4)), np.zeros_like(self._planner.joint_positions)
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > DETOUR_COST_S
         self._detour_positions, cost_s = find_detour(self._planner, episodes.state())

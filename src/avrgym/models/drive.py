@@ -1,0 +1,77 @@
+"""Driving bases: a differential drive that moves while the arm works."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from avrgym.array_types import FloatArray
+
+MOTOR_GROUP = 1
+"""Actuator group of the moving arm and of the drive."""
+_SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+DRIVE_ACTIONS = ("forward", "turn")
+"""Components of an action after those of the arm."""
+
+
+@dataclass(frozen=True)
+class DifferentialDrive:
+    """Two driven wheels on one axle: the base moves forward and turns, and does not move sideways.
+
+    The wheels' axle is at the origin of the robot's base; forward is the base's x axis.
+
+    Attributes:
+        speed_limit_m_s: limit of the forward speed, and of the speed of each wheel.
+        turn_limit_rad_s: limit of the turn rate.
+        track_width_m: distance of the wheels.
+        force_limit_n: limit of the force of both wheels along the ground.
+        grip_limit_n: limit of the force with which the wheels resist sideways motion.
+    """
+
+    speed_limit_m_s: float
+    turn_limit_rad_s: float
+    track_width_m: float
+    force_limit_n: float
+    grip_limit_n: float
+
+    @property
+    def speed_limit(self) -> FloatArray:
+        """Speeds (2,) of actions of 1: forward in m/s, turn in rad/s."""
+        return np.array([self.speed_limit_m_s, self.turn_limit_rad_s])
+
+    @property
+    def effort_limit(self) -> FloatArray:
+        """Limits (3,) of force forward and sideways in N, and of torque in N·m."""
+        return np.array(
+            [self.force_limit_n, self.grip_limit_n, 0.5 * self.track_width_m * self.force_limit_n]
+        )
+
+
+DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
+"""Displacement of a driving base from its start: slides along x and y of the base's start pose, and a hinge about z."""
+DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
+"""Velocity servos of a driving base, in its own frame. The command sideways is 0."""
+DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
+"""Damping of the drive's servos divided by the robot's mass or inertia: the highest one without chatter at the force
+limit, in physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps by 4 mm/s until the brakes hold it."""
+
+
+def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDrive) -> None:
+    """Planar joints of the base, and velocity servos in the base's own frame."""
+    for name, kind, axis in zip(DRIVE_JOINTS, (_SLIDE, _SLIDE, _HINGE), np.eye(3), strict=True):
+        base.add_joint(name=name, type=kind, axis=axis)
+    base.add_site(name="drive")
+    mass = spec.compile().body(base.name).subtreemass[0]
+    masses = (mass, mass, mass * (0.5 * drive.track_width_m) ** 2)
+    directions = np.eye(6)[[0, 1, 5]]
+    for name, gear, limit, moved in zip(DRIVE_SERVOS, directions, drive.effort_limit, masses, strict=True):
+        servo = spec.add_actuator(
+            name=name,
+            trntype=mujoco.mjtTrn.mjTRN_SITE,
+            target="drive",
+            gear=gear,
+            forcerange=[-limit, limit],
+            forcelimited=True,
+            group=MOTOR_GROUP,
+        )
+        servo.set_to_velocity(kv=DRIVE_SERVO_FREQUENCY_RAD_S * moved)

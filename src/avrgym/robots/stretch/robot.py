@@ -1,0 +1,89 @@
+"""Stretch 3. ``stretch.xml`` contains the kinematics, ``hello-robot-stretch-urdf`` the meshes."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from avrgym.geometry import transforms
+from avrgym.models.drive import DifferentialDrive
+from avrgym.models.robot import Arm, BaseRange, Grip, Mount, Robot
+from avrgym.robots.optional import PACKAGES
+
+MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
+
+
+def build(appearance: bool) -> mujoco.MjSpec:
+    """The robot. Its arm extends to its right."""
+    spec = mujoco.MjSpec.from_string(files("avrgym.robots.stretch").joinpath("stretch.xml").read_text())
+    spec.meshdir = str(Path(str(files(PACKAGES["Stretch"]))) / "SE3" / "meshes")
+    return spec
+
+
+def _closed(angle_rad: float) -> dict[str, float]:
+    """Both fingers closed by the same angle."""
+    return {f"joint_gripper_finger_{side}": angle_rad for side in ("left", "right")}
+
+
+GRIPS: Mapping[str, Grip] = {
+    "spoon": Grip(
+        pos=np.array([0.0, 0.0, -0.0065]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.008)
+    ),
+    "cup": Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        fingers=_closed(0.2),
+    ),
+    "washcloth": Grip(
+        pos=np.array([-0.01, 0.0, 0.0]),
+        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+        fingers=_closed(0.01),
+    ),
+    "scratcher": Grip(
+        pos=np.array([-0.01, 0.0, 0.0]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.03)
+    ),
+}
+"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
+
+_ARM = Arm(
+    joints=("joint_lift", "joint_arm", "joint_wrist_yaw", "joint_wrist_pitch", "joint_wrist_roll"),
+    end_effector="grasp_center",
+    # Lift: the maximum of Hello Robot's parameters (stretch_body, robot_params_SE3.py). Arm: reduced speed of
+    # ISO 10218-1; the maximum is 0.4 m/s. Wrist: the Jaco's fastest joints.
+    speed_limit=np.array([0.15, 0.25, *np.radians([48.0, 48.0, 48.0])]),
+    # Slides: force per ampere times the maximum current of the same file. Yaw and pitch: the payload of 2 kg at the
+    # grasp centre, 0.25 m from the pitch axis. Roll: an assumption.
+    effort_limit=np.array([326.0, 243.0, 5.0, 5.0, 2.0]),
+    stiffness=np.array([1900.0, 1000.0, 60.0, 60.0, 40.0]),
+    inertia=np.array([4.84, 2.34, 0.031, 0.028, 0.025]),
+    seed_pose=np.array([0.8, 0.25, 1.2, 0.0, 0.0]),
+)
+
+DRIVE = DifferentialDrive(
+    speed_limit_m_s=0.3,
+    turn_limit_rad_s=0.5,
+    track_width_m=0.3407,
+    force_limit_n=40.0,
+    grip_limit_n=WHEEL_FRICTION * MASS_KG * GRAVITY_M_S2,
+)
+"""Maximum speed: robot_params_SE3.py. Track width: the description's wheel joints. The turn rate, the force (an
+acceleration of 1.6 m/s²) and the friction are assumptions."""
+
+STRETCH = Robot(
+    name="Stretch",
+    build=build,
+    base="base",
+    torso="base",
+    arms={"right": _ARM, "left": _ARM},
+    mounts={
+        "wheelchair": Mount(
+            (-0.62, -0.5, 0.0), 0.5 * np.pi, BaseRange((-0.15, 0.05), (-0.35, 0.35), (-0.4, 0.4))
+        ),
+        "bed": Mount((-0.72, -0.4, 0.0), 0.5 * np.pi, BaseRange((-0.15, 0.05), (-0.4, 0.4), (-0.4, 0.4))),
+    },
+    grips=GRIPS,
+    half_width_m=0.18,
+    drive=DRIVE,
+)
