@@ -123,7 +123,7 @@ class Simulation:
         types = [self.model.joint(robot.PREFIX + joint).type[0] for joint in scene.arm.joints]
         units = kinematics.joint_units(types)
         self._max_lead = MAX_LEAD_RAD * units
-        of_base = [] if self._drive is None else kinematics.joint_units(BASE_TYPES)
+        of_base = kinematics.joint_units(BASE_TYPES if self._drive is not None else ())
         self.units = np.concatenate([units, of_base])
         """Displacements that count as 1 in a configuration, see ``kinematics.Chain.units``."""
         self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
