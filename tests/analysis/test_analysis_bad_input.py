@@ -182,7 +182,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
             "sub-002",
             1,
             "unreadable",
-            "cannot be read: not a recording, or cut off before the end of its header",
+            "cannot be read: not a recording, or truncated before the end of its header",
         ),
         ("sub-002", 2, "whole", "was recorded with AVR Gym 0.0.1 (now "),
         ("sub-002", 2, "whole", "MuJoCo 3.9.0 (now "),

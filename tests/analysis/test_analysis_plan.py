@@ -99,9 +99,9 @@ def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_
     for words, line in zip(
         (
             "study.toml: blind_experimenter was false, is true",
-            "sub-004: withdrew and is in no test",
+            "sub-004: withdrew and is excluded from all tests",
             "participants: 3 have completed the study, 2 were planned",
-            "sub-003, trial 2: is left out of the analysis: its person was held for",
+            "sub-003, trial 2: is left out of the analysis: tracking was lost for",
         ),
         listed,
         strict=True,

@@ -146,7 +146,7 @@ def test_effects_that_are_the_same_cannot_be_told_apart(rng: np.random.Generator
     values, twice = rng.integers(0, 3, 24), np.hstack([CONDITION, CONDITION])
     with pytest.raises(FitError):
         fit_ordinal(values, twice, PEOPLE).estimate(np.array([1.0, 0.0]))
-    with pytest.raises(FitError, match="identify"):
+    with pytest.raises(FitError, match="identifiable"):
         fit_mixed(values, np.hstack([WITH_CONSTANT, CONDITION]), PEOPLE, [PEOPLE])
 
 

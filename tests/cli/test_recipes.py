@@ -30,16 +30,16 @@ def train(*arguments: str | Path) -> Result:
     ("arguments", "message"),
     [
         (["--recipe", "secret"], "allowed: adaptive, paper"),
-        (["--recipe", "paper", "--config", "settings.toml"], "--recipe paper does not take --config"),
+        (["--recipe", "paper", "--config", "settings.toml"], "--recipe paper does not accept --config"),
         (
             ["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"],
-            "does not take --people, --impairment",
+            "does not accept --people, --impairment",
         ),
         (["--recipe", "paper", "--teacher", "revised"], "--teacher needs --recipe adaptive"),
         (["--recipe", "pair", "--initial-policy", "adaptive"], "--initial-policy needs --recipe adaptive"),
         (
             ["--recipe", "adaptive", "--resume", "--initial-policy", "adaptive"],
-            "--resume does not take --initial-policy",
+            "--resume does not accept --initial-policy",
         ),
         (["--recipe", "adaptive", "--initial-policy", "revised", "--num-envs", "1"], "a recurrent policy"),
         (["--recipe", "adaptive", "--teacher", "nobody", "--num-envs", "1"], "no policy 'nobody'"),

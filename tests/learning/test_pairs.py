@@ -414,7 +414,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
     for option in (("--alternate", 2), ("--own-reward",)):
         assert_refused(run(*new, *option), f"{option[0]} needs --recipe pair")
         again = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", trained, *option
-        assert_refused(run(*again), f"--resume does not take {option[0]}")
+        assert_refused(run(*again), f"--resume does not accept {option[0]}")
     resumed = "train", FEEDING, "--recipe", "pair", "--resume", "--out", trained
     assert_refused(run(*resumed), f"contains a training of {SCRATCHING}, not of {FEEDING}")
     alone = tmp_path / "alone"
@@ -422,7 +422,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
     configuration = json.loads((trained / "configuration.json").read_text())
     (alone / "configuration.json").write_text(json.dumps(configuration | {"pairing": None}))
     resumed = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", alone
-    assert_refused(run(*resumed), "contains no training of --recipe pair")
+    assert_refused(run(*resumed), "contains no training with --recipe pair")
     assert not (tmp_path / "no").exists()
 
 

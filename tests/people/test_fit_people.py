@@ -200,7 +200,9 @@ def test_trials_with_stale_tracking_are_skipped_and_listed(tmp_path: Path) -> No
     assert fit.people.source.participants == 3
     assert fit.people.poses[TASK]["waist_x"][1] < 10.0
     assert [words.partition(": ")[0] for words in fit.left_out] == _recordings("sub-004")
-    assert all("its person was held for 100.0 % of the time" in words for words in fit.left_out)
+    assert all(
+        "tracking was lost for 100.0 % of the robot's assistance time" in words for words in fit.left_out
+    )
 
 
 def _recordings(pseudonym: str) -> list[str]:

@@ -404,7 +404,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
     with_operator = study("operated", '["operator"]')
     assert CliRunner().invoke(app, ["study", "check", str(with_operator)]).exit_code == 0
     refused = CliRunner().invoke(app, ["study", "simulate", str(with_operator), "--participants", "1"])
-    assert (refused.exit_code, "needs a human operator, and a dry run has none" in refused.stderr) == (
+    assert (refused.exit_code, "needs a human operator, but a dry run has none" in refused.stderr) == (
         1,
         True,
     )

@@ -54,7 +54,7 @@ def test_the_command_writes_metadata_and_never_overwrites(tmp_path: Path) -> Non
         (
             "oracle",
             "a.onnx",
-            "oracle is no trained policy; allowed: original, revised or a .safetensors file",
+            "oracle is not a trained policy; allowed: original, revised or a .safetensors file",
         ),
         ("revised", "a.pt", "the name must end in .onnx"),
     ],

@@ -68,7 +68,7 @@ def test_what_no_item_allows_is_refused(instrument: Instrument) -> None:
     with pytest.raises(ValueError, match=f"has no item 'other'; allowed: {first}"):
         instrument.score({"other": 1})
     for value in (0, points + 1):
-        with pytest.raises(ValueError, match=f"allowed: whole numbers from 1 to {points}"):
+        with pytest.raises(ValueError, match=f"allowed: integers from 1 to {points}"):
             instrument.score({first: value})
 
 
@@ -175,8 +175,8 @@ def test_weights_count_how_often_a_factor_was_chosen_and_always_add_up() -> None
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"mental": 4}, "add up to 16; allowed: 15"),
-        ({"mental": 6, "temporal": 2}, "allowed: whole numbers from 0 to 5"),
+        ({"mental": 4}, "the sum of the weights is 16; allowed: 15"),
+        ({"mental": 6, "temporal": 2}, "allowed: integers from 0 to 5"),
         ({"luck": 0}, "allowed: mental, physical"),
     ],
 )

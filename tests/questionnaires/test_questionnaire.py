@@ -19,7 +19,7 @@ def test_every_point_of_the_scale_is_an_answer(item):
 
 @pytest.mark.parametrize("value", [0, 8, -1, 4.0, True, "4", None])
 def test_anything_off_the_scale_is_refused(value):
-    with pytest.raises(ValueError, match="is no answer to L2; allowed: whole numbers from 1 to 7"):
+    with pytest.raises(ValueError, match="is not an answer to L2; allowed: integers from 1 to 7"):
         validate_answer(LIKERT_ITEMS, "L2", value)
 
 

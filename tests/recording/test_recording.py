@@ -401,7 +401,7 @@ def test_a_disk_that_never_takes_the_data_does_not_hold_up_the_close(tmp_path, s
     monkeypatch.setattr(writing, "CLOSE_TIMEOUT_S", 0.05)
     writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/answers", 0, RECORDS["/answers"])
-    with pytest.raises(RecordingError, match="takes no data"):
+    with pytest.raises(RecordingError, match="does not accept data"):
         writer.close(OUTCOME)
     stalled_disk.set()
     writer.close()

@@ -245,7 +245,7 @@ def test_the_command_tells_what_agreed_or_differs(
     assert bad.exit_code == 1
     assert "1 of" in bad.stdout
     assert "qpos" in bad.stdout
-    assert "recorded with the present versions" in bad.stderr
+    assert "recorded with the installed versions" in bad.stderr
 
     other = Versions("0.1.0", "3.3.7")
     older = avrgym(written(bent, tmp_path / "older.mcap", versions=other), "--verify")
@@ -264,7 +264,7 @@ def test_the_command_tells_what_agreed_or_differs(
         (lambda r: with_configuration(r, environment="avrgym/Dance-v1"), "Dance"),
         (
             lambda r: changed(r, "/physics", 0, lambda p: msgspec.structs.replace(p, state=[1.0])),
-            "1 numbers, this simulator's have .* recorded with AVR Gym",
+            "1 values, but a state of this simulator has .* recorded with AVR Gym",
         ),
         (lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/commands"]), "no commands"),
         (
@@ -297,7 +297,7 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
         ((tmp_path / "text.mcap",), "give one of the .mcap files that `avrgym serve` writes"),
         ((tmp_path / "study",), "study: a folder; give one of the .mcap files"),
-        ((incomplete, "--verify"), f"{incomplete}: it breaks off before its first state"),
+        ((incomplete, "--verify"), f"{incomplete}: it is truncated before its first state"),
         ((paths[-1], "--first-person"), "goes with --video, --gif or --frames"),
         ((paths[-1], "--frames", 4), "go together"),
         ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),

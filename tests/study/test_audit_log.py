@@ -269,7 +269,9 @@ def test_duplicate_log_entry_is_found(store: Store) -> None:
     add_entry(store, ADA, "stop")
     with store.database.write() as connection:
         hash_chain.update(connection, schema.LOG, 1, person="eve")
-    assert store.database.faults() == [("log 1", "was changed or deleted: entries of the log are only added")]
+    assert store.database.faults() == [
+        ("log 1", "was changed or deleted; entries of the log must not change")
+    ]
 
 
 def test_log_entries_remain_after_deletion_of_a_participant(store: Store) -> None:

@@ -136,7 +136,7 @@ def test_changed_text_with_the_same_version_is_an_error(folder: Path) -> None:
     assert study("check", folder).exit_code == 1
     with Store(folder) as store:
         pseudonym = enrol(store, "woman")
-        with pytest.raises(StudyError, match=f"{first}, {second} read another consent text under version 1"):
+        with pytest.raises(StudyError, match=f"{first}, {second} read another consent text with version 1"):
             record_consent(store, pseudonym)
         assert store.participant(pseudonym).state == "enrolled"
         assert len(store.consent_texts()) == 1
@@ -184,7 +184,7 @@ def test_changed_archive_is_found(store: Store) -> None:
     enrol_with_consent(store)
     with store.database.write() as connection:
         hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
-    assert "does not have the checksum that it was archived with" in [
+    assert "does not have the checksum that was stored with it" in [
         each.message for each in about_consent(store.folder) if each.where == "consent_text 1"
     ]
 

@@ -241,7 +241,7 @@ def test_plain_file_remains_until_encryption_is_verified(old: Path, monkeypatch:
     before = (old / "private" / "key.json").read_bytes()
     with Store(old) as store, monkeypatch.context() as damage:
         damage.setattr(identity_file, "decrypt", lambda *_: {})
-        with pytest.raises(StudyError, match="could not be read back"):
+        with pytest.raises(StudyError, match="could not be verified"):
             encrypt_names(store)
     assert (old / "private" / "key.json").read_bytes() == before
     assert identity_file.key_source(old) is None

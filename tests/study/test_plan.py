@@ -84,7 +84,7 @@ BAD = {
     "an unknown rule": ("further = []", "outliers = []", "unknown name 'outliers'; allowed: max_held_share, further"),
     "an unknown field": ('measures = ["L1"]', 'measure = ["L1"]', "unknown name 'measure'; allowed: id, text, "),
     "two of a name": ('id = "H2"', 'id = "H1"', "'H1' is used twice; allowed: once"),
-    "no TOML": ("participants = 8", "participants = ", "not TOML"),
+    "no TOML": ("participants = 8", "participants = ", "invalid TOML"),
 }  # fmt: skip
 
 
@@ -262,7 +262,7 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
         "study.toml: free_movement_s was 5.0, is 4.0",
         'plan.toml: hypotheses 2.text was "Participants rate L1, L2, L3, L4 higher with mine than with',
         "policy mine: of avrgym/FeedingJaco-v1 was changed: the checksum of mine/FeedingJaco.safetensors",
-        "sub-002: withdrew and is in no test",
+        "sub-002: withdrew and is excluded from all tests",
         "sub-003: was excluded by the inclusion questions",
         "participants: 1 has completed the study, 2 were planned",
         "the report: contains a test that is not in the plan: torso heights, by trial (torso_height_m)",

@@ -163,7 +163,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "seed changed": (_change(schema.TRIAL, seed=1), SECOND, "with another seed"),
     "person marked": (lambda s: _mark(s, simulated=False), FIRST, "with another simulated"),
     "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
-    "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "leads out of the study's folder"),
+    "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "is outside the study's folder"),
     "open names": (
         lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
     ),

@@ -74,7 +74,7 @@ MISTAKES = [
     ("free_movement_s = 5.0", "free_movement_s = inf", "free_movement_s: Expected float <= 600"),
     ("free_movement_s = 5.0", "free_movement_s = nan", "free_movement_s"),
     ("seed = 0", "sead = 0", "unknown name 'sead'; allowed: title, participants, seed"),
-    ("seed = 0", "seed =", "not TOML"),
+    ("seed = 0", "seed =", "invalid TOML"),
     ("blind_experimenter = false", "blind_experimenter = 0", "Expected bool, got int"),
     ('id = "epilepsy"', 'id = "adult"', "'adult' is used twice"),
     ('id = "epilepsy"', 'id = "a/b"', "'a/b' is not a valid name"),
@@ -110,7 +110,7 @@ def test_missing_setting_is_reported() -> None:
 
 def test_binary_file_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_bytes(b"title = \xff")
-    with pytest.raises(DesignError, match="not text in UTF-8"):
+    with pytest.raises(DesignError, match="not a UTF-8 text"):
         read_design(tmp_path / "study.toml")
 
 

@@ -79,7 +79,7 @@ def test_use_adds_items_of_an_instrument(name: str) -> None:
         (
             f'use = "nasa-tlx"\nwhen = "after_trial"\nweights = {{ {WEIGHTS} }}'.replace("5", "4"),
             3,
-            "add up to 14",
+            "sum of the weights is 14",
         ),
         ('use = "nasa-tlx"\nwhen = "after_trial"\nweights = { mental = 15 }', 3, "allowed: mental, physical"),
         ('use = "ssq"\nname = "likert"\nwhen = "after_trial"', 2, "'likert' is used twice"),
@@ -108,7 +108,7 @@ def test_custom_items_have_a_label_for_each_point() -> None:
     text = default_text().replace(
         'high = "strongly agree" }', 'high = "strongly agree", labels = ["no", "yes"] }', 1
     )
-    with pytest.raises(DesignError, match=r"2 labels for 7 points; allowed: one for each"):
+    with pytest.raises(DesignError, match=r"2 labels for 7 points; allowed: one label for each point"):
         parse_design(text)
 
 

@@ -306,7 +306,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_twice, "are the same site; list each site once"),
     (_copied, "are the same site; list each site once"),
     (_same_name, "have the same site 'atlanta'; set different values"),
-    (_no_name, "'our site' is not a valid site; set `site`"),
+    (_no_name, "'our site' is not a valid site name; set `site`"),
     (_nothing, "empty contains no study.toml"),
     (
         _longer_trials,
@@ -355,14 +355,12 @@ def test_restored_or_renamed_site_is_rejected(sites: list[Path], out: Path, tmp_
     add_participant(sites[1], 1)
     merge_studies(sites, out)
     before = files_in(out)
-    with pytest.raises(
-        StudyError, match="'berlin' is not the study that was merged before, or an older copy"
-    ):
+    with pytest.raises(StudyError, match="'berlin' is another study than the merged one, or an older copy"):
         merge_studies([older], out)
     with pytest.raises(StudyError, match="its sub-001 is in the merged study already, under another site"):
         merge_studies([sites[1].rename(tmp_path / "bonn")], out)
     other = make_site(tmp_path / "another" / "berlin")
-    with pytest.raises(StudyError, match="'berlin' is not the study that was merged before"):
+    with pytest.raises(StudyError, match="'berlin' is another study than the merged one"):
         merge_studies([other], out)
     assert files_in(out) == before
 
@@ -396,7 +394,7 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     missing.unlink()
     with pytest.raises(StudyError, match="sub-002/ses-01/trial-01") as refused:
         merge_studies(sites, out)
-    assert "trial-02_attempt-1.mcap is missing; --skip-damaged leaves out" in str(refused.value)
+    assert "trial-02_attempt-1.mcap is missing; --skip-damaged omits" in str(refused.value)
     assert not out.exists()
     told: list[str] = []
     merge_studies(sites, out, skip_damaged=True, tell=told.append)

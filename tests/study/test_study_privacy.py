@@ -178,7 +178,9 @@ def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pyte
     monkeypatch.setattr(sqlite, "WAIT_S", 0.1)
     with Store(store.folder) as reader, reader.database.read() as connection:
         connection.execute(schema.PARTICIPANT.select()).all()
-        with pytest.raises(StudyError, match="the study is in use: stop the other program and delete again"):
+        with pytest.raises(
+            StudyError, match="another program uses the study, and deleted data can still be recovered"
+        ):
             delete_participant(store, "sub-002")
     delete_participant(store, "sub-002")
     assert found(store.folder) == set()

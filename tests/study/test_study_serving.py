@@ -181,7 +181,7 @@ def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None
     loop.sessions.receive(Entered(), loop.now_s)
     for item, value, problem in (
         ("strain", 2, "the answer is to 'strain'; expected: nausea"),
-        ("nausea", 5, "allowed: whole numbers from 1 to 4"),
+        ("nausea", 5, "allowed: integers from 1 to 4"),
     ):
         answer(loop, item, value)
         assert problem in [message for message in loop.inbox if isinstance(message, Problem)][-1].message

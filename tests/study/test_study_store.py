@@ -265,9 +265,7 @@ def test_session_rejects_actions_out_of_order(store: Store) -> None:
         lambda: record_answer(store, attempt.id, Answer("L9", 3, 1.0)),
         "no item 'L9'; allowed: L1, L2, L3, L4",
     )
-    refused(
-        store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "whole numbers from 1 to 7"
-    )
+    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "integers from 1 to 7")
     refused(
         store,
         lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)),
@@ -334,7 +332,7 @@ def test_recordings_are_not_written_through_symbolic_links(store: Store, tmp_pat
     session = open_session(store, enrol_with_consent(store))
     (store.folder / "recordings").mkdir()
     (store.folder / "recordings" / "sub-001").symlink_to(elsewhere)
-    refused(store, lambda: begin_attempt(store, session.id, 1), "leads out of the study's folder")
+    refused(store, lambda: begin_attempt(store, session.id, 1), "is outside the study's folder")
     assert list(elsewhere.iterdir()) == []
 
 

@@ -149,7 +149,7 @@ def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch:
     monkeypatch.setattr("avrgym.study.checking.preflight.draws_by_body", broken)
     with Store(folder) as store:
         (found,) = check_study_starts(store)
-    assert (found.is_error, found.message) == (True, "no start can be sampled: KeyError: 'elbow'")
+    assert (found.is_error, found.message) == (True, "no initial state can be sampled: KeyError: 'elbow'")
 
 
 def test_a_study_of_ours_has_room(folder: Path) -> None:

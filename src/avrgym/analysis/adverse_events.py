@@ -1,4 +1,4 @@
-"""Adverse events of people by condition, with the robots' safety measures."""
+"""Section of the report about adverse events of people, by condition, with the safety measures of the robots."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -35,12 +35,12 @@ def adverse_events_section(analysis: Analysis) -> Markup:
 
 
 def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
-    """The latest report of each adverse event."""
+    """The latest report of each adverse event in the study."""
     return list({row["event"]: row for row in analysis.adverse_events}.values())
 
 
 def describe_adverse_events(analysis: Analysis) -> str:
-    """Sentences with the numbers of adverse events, affected people and missing reports."""
+    """Sentences for the methods: numbers of adverse events, of affected people and of missing reports."""
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Conditions of trials in order, then practice (if any), and events outside trials."""
+    """The conditions of the trials in their order, then practice (if any), then events outside trials."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE]

@@ -1,4 +1,4 @@
-"""Types of fields for columns that several tables of the analysis share."""
+"""Column types that several tables of the analysis share."""
 
 from dataclasses import replace
 from typing import Annotated

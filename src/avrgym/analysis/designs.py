@@ -1,4 +1,4 @@
-"""The study designs of the participants: versions of items, differences between designs, and descriptions."""
+"""Compare the designs of the participants: versions of items, differences and descriptions."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _ITEMS = TABLES["items"]
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """A version of an item, with the number of people or simulated participants with answers to it."""
+    """A version of an item, and its answers by people or by simulated participants."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -38,7 +38,7 @@ class ItemRow:
 
 
 def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
-    """A row for each version of an item and group of participants, ordered by item."""
+    """A row for each version of an item, separately for people and simulated participants; ordered by item."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {
         item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
@@ -75,13 +75,13 @@ DIFFERENCES_NOTICE = (
 
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
-    """The notice about differences between designs; empty without differences."""
+    """A notice that designs differ; empty without differences."""
     has_errors = any(each.is_error for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
-    """Each difference with its participants and trials, and the items that have versions."""
+    """Each difference with its participants and trials, and all items with several versions."""
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
@@ -107,7 +107,7 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
 def describe_by_design(
     session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
 ) -> str:
-    """The texts that ``words`` returns for the designs in ``session_designs``; without participants, for ``design``."""
+    """Describe each design in ``session_designs`` with ``words``; without participants, describe ``design``."""
     groups: dict[str, list[SessionDesign]] = {}
     for use in session_designs:
         groups.setdefault(words(use.design), []).append(use)

@@ -1,13 +1,13 @@
-"""Fit a population for training to the participants of a study.
+"""Fit a training population to the participants of a study.
 
-Torso heights, poses in each task and cooperation of the participants become a file of people, see
-``people.people_file``. For n participants with values from a to b, the range is:
+The result is a file of people (see ``people.people_file``) with torso heights, poses in each task, and cooperation.
+For n participants with values from a to b, the range is:
 
     low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
-This range covers all participants. If values have a uniform distribution, its expected limits are the limits of that
-distribution: the extremes of n values are expected at W / (n + 1) inside of a range of width W, with a distance of W (n
-- 1) / (n + 1) (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
+This range covers all participants. For a uniform distribution, its expected limits are the distribution's limits:
+the extremes of n values lie on average W / (n + 1) inside a range of width W, and their distance is on average
+W (n - 1) / (n + 1) (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,26 +30,26 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
-"""Waist, head and right arm; tasks vary them. The left arm keeps the task's pose."""
+"""Waist, head and right arm: the joints that tasks vary. The left arm has the task's pose."""
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
     "nothing": [],
 }
-"""Joints that bring mouth, arm or nothing to the tool."""
+"""Joints with which a person brings the mouth, the arm or nothing to the tool."""
 MOVED_DEG = 5.0
-"""Threshold of voluntary motion; sway of people who sit still is smaller."""
+"""Threshold of voluntary motion; the postural sway of a sitting person is smaller."""
 BEGINNING_S = 1.0
 FEW_PARTICIPANTS = 8
-"""The paper's number of participants; below it the file contains a warning."""
+"""Number of participants in the paper; with fewer participants, the file contains a warning."""
 
 
 @dataclass(frozen=True)
 class TrialPose:
-    """Participant, task, torso height and joint targets (20,) in degrees of one completed trial.
+    """Torso height and joint targets (20,) in degrees of one completed trial.
 
     ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
-    ``largest_motion_deg``: the largest range of a joint that can bring mouth or arm to the tool.
+    ``largest_motion_deg``: the largest motion (maximum − minimum) of a joint that can bring mouth or arm to the tool.
     """
 
     participant: str
@@ -63,7 +63,7 @@ class TrialPose:
 
 @dataclass(frozen=True)
 class FittedPeople:
-    """The people fitted to a study, remarks about them, and the omitted recordings with reasons."""
+    """The people fitted to a study, remarks about the fit, and the omitted recordings with reasons."""
 
     people: PeopleFile
     remarks: str
@@ -71,14 +71,14 @@ class FittedPeople:
 
 
 def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
-    """Fit people to the participants with completed trials in a study.
+    """Fit a training population to the participants with completed trials.
 
-    Simulated participants are used only if no people took part. Missing, damaged or changed recordings are omitted. So
-    are trials with more tracking loss than the design allows.
+    Simulated participants are used only if no people took part. Missing, damaged or modified recordings are omitted.
+    Trials with more tracking loss than the design allows are omitted too.
 
     Args:
         folder: the study.
-        progress: called after each recording with the number of recordings read and their total.
+        progress: called after each recording with the number of recordings read and their total number.
 
     Raises:
         StudyError: without a study, or with fewer than two participants with completed trials.
@@ -101,14 +101,14 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
 
 
 def write_people(fit: FittedPeople, out: Path) -> None:
-    """Write the people into a new file; an existing one raises ``FileExistsError``."""
+    """Write the people into a new TOML file. Raises ``FileExistsError`` if ``out`` exists."""
     if out.exists():
         raise FileExistsError(f"{out} exists already; choose another name")
     write_atomically(out, _toml_text(fit).encode())
 
 
 def _toml_text(fit: FittedPeople) -> str:
-    """The fit as TOML, with the remarks as comments above the values."""
+    """The fit as TOML, with the remarks as comments at the top."""
     document = tomlkit.document()
     for line in fit.remarks.splitlines():
         document.add(tomlkit.comment(line))
@@ -118,7 +118,7 @@ def _toml_text(fit: FittedPeople) -> str:
 
 
 def covering_range(values: Sequence[float], limits: Range) -> Range:
-    """The range of two or more participants' values, extended as above and limited to the model's range."""
+    """The covering range (see the module) of two or more values, limited to ``limits``."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
     return max(low - margin, limits[0]), min(high + margin, limits[1])
@@ -130,7 +130,7 @@ def covering_range(values: Sequence[float], limits: Range) -> Range:
 def _read_poses(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[TrialPose], list[str]]:
-    """The poses in all recordings, and the faults of recordings without a pose."""
+    """The poses of all usable recordings, and an error message for each other recording."""
     trials: list[TrialPose] = []
     left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
@@ -143,7 +143,7 @@ def _read_poses(
 
 
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
-    """The pose in a recording. An unusable recording raises ``StudyError`` with a message that begins with its name."""
+    """The pose in a recording. Raises ``StudyError`` with the recording's name if it is unusable."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
@@ -169,7 +169,10 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves; the last time is the end."""
+    """Times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
+
+    The last time is the end of the motion.
+    """
     events, control = recording.topics["/events"], recording.topics["/control"]
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     targets = recording.topics["/body_targets"]
@@ -183,7 +186,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """The time average (20,) of values (n, 20); each value lasts until the next of times (n + 1,)."""
+    """Time average (20,) of values (n, 20) until ``until_s``; value i is valid from time i to time i + 1."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
@@ -205,7 +208,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
 
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
-    """The mean of each participant."""
+    """Each participant's mean."""
     of_participant: dict[str, list[float]] = {}
     for participant, value in values:
         of_participant.setdefault(participant, []).append(value)
@@ -213,7 +216,7 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
-    """The range of torso heights of a sex; of both sexes if fewer than two participants have this sex."""
+    """The range of torso heights of one sex; with fewer than two participants of it, of both sexes."""
     own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _participant_means((t.participant, t.torso_height_m) for t in trials)
     low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
@@ -221,9 +224,9 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
 
 
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
-    """The range of each joint in degrees: at the beginning if people move, else over whole trials.
+    """The range of each joint in degrees; empty for fewer than two participants.
 
-    Empty for fewer than two participants.
+    If people move (``moving``), poses are from the beginning of the trials, otherwise from whole trials.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
@@ -254,7 +257,7 @@ def _remarks(source: Source) -> str:
 
 
 def _small_sample_text(count: int) -> str:
-    """The limitation of few participants: on average a share (n - 1) / (n + 1) of others is within their extremes."""
+    """The limitation of a small sample: its extremes cover on average a share (n - 1) / (n + 1) of the population."""
     share = (count - 1) / (count + 1)
     return (
         f"Only {count} participants: on average, {share:.0%} of other people are within their extremes. "

@@ -1,4 +1,4 @@
-"""The flow of participants through a study, as numbers and as a chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
+"""Flow of participants through a study: numbers and chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,23 +21,22 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 WITHDRAWAL_EVENT = "participant withdrawn"
-"""The event of a withdrawal; its detail is the reason."""
+"""Name of a withdrawal's study event; the event's detail is the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantFlow:
-    """Numbers of people, or of simulated participants, at each step of a study; each step is a subset of an earlier
-    one.
+    """Numbers of people, or of simulated participants, at each step of a study.
 
-    ``enrolled`` includes participants with ``deleted`` data. ``analysed`` have counted trials or answers;
-    ``analysed_unfinished`` of them have not completed the study. ``completed_without_data`` completed it without
-    counted data. ``exclusion_answers``: number of exclusions by each answer to an inclusion question.
+    ``enrolled`` includes participants with ``deleted`` data. ``analysed``: participants with counted trials or answers.
+    ``analysed_unfinished``: analysed participants who have not completed the study. ``completed_without_data``: the
+    reverse, without counted data. ``exclusion_answers``: number of exclusions by answer to an inclusion question.
     ``withdrawal_reasons`` and ``withdrawal_reasons_before_allocation``: number of withdrawals by reason.
 
-    ``orders``: number of participants with each order of trials. ``consents``: number by latest accepted version of the
-    consent text. ``reconsented``: number with consent to a later version. ``declined``: number with a refusal.
-    ``first_day`` and ``last_day`` are days of sessions (ISO 8601). After loss of the database, ``consent_unknown`` and
-    ``withdrawal_unknown`` are numbers of participants with lost consents or withdrawals.
+    ``orders``: number of participants by order of trials. ``consents``: number by accepted version of the consent text,
+    the latest of each participant. ``reconsented``: number with consent to a later version. ``declined``: number with a
+    refusal. ``first_day`` and ``last_day``: days of the first and last session (ISO 8601). If the database was
+    lost, consents or withdrawals are lost too: ``consent_unknown`` and ``withdrawal_unknown`` participants.
     """
 
     simulated: bool
@@ -68,7 +67,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
-    """The flow of people, then of simulated participants; empty groups are absent."""
+    """The flow of people, then of simulated participants. Empty groups are omitted."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, seen)
@@ -117,7 +116,7 @@ def _flow(
 
 
 def _excluding(design: Design, participant: Participant) -> Iterator[str]:
-    """The answers to inclusion questions that excluded a participant."""
+    """The participant's answers to inclusion questions that led to exclusion."""
     if participant.state != "excluded":
         return
     questions = {question.id: question for question in design.inclusion}
@@ -128,7 +127,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """The reason of each withdrawal that the experimenter stored."""
+    """The stored reason of each withdrawal."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -139,14 +138,14 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 
 BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
-"""Widths of boxes for steps and for participants who left, space between boxes, and height of a line."""
+"""Widths of step boxes and of drop-out boxes, space between boxes, and line height."""
 LETTERS_PER_LINE = 42
-"""Number of letters that fit in a line of a box."""
+"""Number of characters that fit in a line of a box."""
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Each step with its number, and the participants who left after it."""
+    """Each step with its number, and the numbers of participants who left after it."""
     before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -182,7 +181,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _reasons_text(reasons: Mapping[str, int]) -> str:
-    """Number of times each reason was given, in brackets."""
+    """Each reason with its number of participants, in brackets; empty without reasons."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 
@@ -191,7 +190,7 @@ def _some(left: dict[str, int]) -> list[str]:
 
 
 def flow_chart(flow: ParticipantFlow) -> Drawing:
-    """The flow as a figure; the figure is marked if participants are simulated."""
+    """The flow as a figure, marked as simulated for simulated participants."""
     width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, flow_steps(flow)
     boxes = [_box_height(_lines([words])) for words, _ in shown]
     beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
@@ -220,7 +219,7 @@ def _lines(texts: Sequence[str]) -> list[str]:
 
 
 def _box_height(lines: Sequence[str]) -> float:
-    """The height of a box with this number of lines."""
+    """The height of a box with these lines."""
     return LINE_IN * (len(lines) + 1)
 
 

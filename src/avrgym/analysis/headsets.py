@@ -1,4 +1,4 @@
-"""Headset checks at the beginning of sessions: rows, description and section of the report."""
+"""Headset checks at the beginning of sessions: rows, description, and section of the report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class HeadsetRow:
 
 
 def headset_rows(store: Store) -> list[HeadsetRow]:
-    """The headset check of each session that has one, in order."""
+    """The headset check of each session, in order; sessions without a check are omitted."""
     return [
         _row(participant, session, session.headset)
         for participant in store.participants()

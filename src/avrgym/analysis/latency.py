@@ -1,4 +1,4 @@
-"""Latency from a tracked pose to the picture that shows it: rows and section of the report."""
+"""Latency from a tracked pose to its picture: rows and section of the report."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from avrgym.system.columns import Column
 from avrgym.vr.latency import STAGE_LABELS, TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
-"""Measurements of the client during trials, by pseudonym and position."""
+"""The client's measurements during trials, by pseudonym and trial position."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow:
-    """Duration of a stage from tracked pose to picture, in counted trials."""
+    """Duration of one stage between tracked pose and picture, in counted trials."""
 
     participant: Annotated[
         str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
@@ -31,7 +31,7 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """Latency of all people, then of each person, then the same for simulated participants; only with measurements."""
+    """Latency of all people and of each person, then of simulated participants; only where it was measured."""
     rows: list[LatencyRow] = []
     for simulated in (False, True):
         told = {
@@ -58,7 +58,7 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 
 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
-    """The total latency over all people, or over all simulated participants."""
+    """The total latency over all people, or over all simulated participants; ``None`` without measurements."""
     return next(
         (
             row

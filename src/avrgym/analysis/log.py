@@ -1,4 +1,4 @@
-"""The log of a study: number of entries, people, and views of results before the planned end."""
+"""The log of a study: number of entries, people, and interim looks at results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from avrgym.study.storage.store import Store
 class StudyLog:
     """Number of log entries, times of the first and last entry, and descriptions of the people in the log.
 
-    ``interim_looks`` describe views of results before the planned end. Later views do not count.
+    ``interim_looks``: descriptions of the views of results before the planned number of participants had completed.
     """
 
     entries: int
@@ -24,7 +24,7 @@ class StudyLog:
 
 
 def study_log(store: Store) -> StudyLog:
-    """The log of a study as it is now."""
+    """Summarise the log of a study."""
     sites = site_names(store)
     own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
     return StudyLog(
@@ -40,9 +40,7 @@ ENTRIES_LOST = "The database was rebuilt from the recordings: entries from befor
 
 
 def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
-    """Numbers of log entries, and views of results before the planned end; ``rebuilt_at``: when the database was
-    rebuilt.
-    """
+    """Number of log entries, and interim looks at results. ``rebuilt_at``: time of the database's rebuild, if any."""
     lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
     return tag(
         "section",

@@ -1,4 +1,4 @@
-"""Files of an analysis: report, tables, figures, and all results in one file."""
+"""Write the files of an analysis: report, tables, figures, and all results in one file."""
 
 import json
 import os
@@ -19,21 +19,21 @@ FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_output_folder(out: Path) -> None:
-    """Raise ``StudyError`` if an analysis would overwrite other files."""
+    """Raise ``StudyError`` if the analysis would overwrite files that are not from an analysis."""
     present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
     if present and previous_files(out) is None:
         raise StudyError(f"{out / present[0]} was not written by an analysis; choose another folder")
 
 
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
-    """Write report, tables, figures and results into a folder; returns the report's path.
+    """Write report, tables, figures and results into the folder ``out``, and return the report's path.
 
-    Files of an earlier analysis are replaced, other files remain. Only their owner can read new files. ``study`` is the
-    study's folder; the report has links to it.
+    Files of an earlier analysis are replaced; other files are not changed. Only their owner can read the new files. The
+    report contains links to ``study``, the study's folder.
 
     Raises:
-        StudyError: if the folder contains other files with these names.
-        OSError: if it cannot be written.
+        StudyError: if the folder contains files with the same names that are not from an analysis.
+        OSError: if the folder cannot be written.
     """
     check_output_folder(out)
     make_private_folder(out)
@@ -62,7 +62,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
 
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
-    """Move new files to their places, the results last, and remove other files of an earlier analysis."""
+    """Move the new files to ``out``, the results last, and remove other files of an earlier analysis."""
     remove_files(out, set(previous_files(out) or ()) - set(files))
     for folder in FOLDERS:
         make_private_folder(out / folder)

@@ -1,4 +1,4 @@
-"""The report of a study: people first, then simulated participants, with a section for each topic."""
+"""The report of a study: first people, then simulated participants, with a section for each topic."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,7 +54,10 @@ TITLES = {False: "People", True: "Simulated participants"}
 
 
 def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
-    """Write the page; ``study_link`` is the link to the study's folder. Equal analyses give equal bytes."""
+    """Write the report as a page. Equal analyses result in equal bytes.
+
+    ``study_link``: the link to the study's folder.
+    """
     groups = sorted({row.simulated for row in analysis.observed.participants})
     header = [
         tag("p", "Analysis of the study in its current state."),
@@ -207,7 +210,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """Information for a publication that is not in the data."""
+    """Facts about the study that a publication needs and the data do not contain."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -253,7 +256,7 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """A problem, once for all its places; many places are listed in details."""
+    """A problem with all its places; many places are folded."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

@@ -1,4 +1,4 @@
-"""Results by site, for studies with several sites. They describe the agreement of sites and contain no tests."""
+"""Results of each site, in studies with several sites. They are descriptive, without tests."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -42,14 +42,14 @@ SiteName = Annotated[str, Column("Site of the participants, or `no site`.")]
 
 @dataclass(frozen=True, kw_only=True)
 class SiteOutcomeRow(Outcome):
-    """The counted trials of a condition at one site."""
+    """Results of the counted trials of a condition at one site."""
 
     site: SiteName
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteEffectRow:
-    """An effect size at one site, with one value for each participant; see ``ComparisonRow``."""
+    """An effect size at one site; each participant gives one value. See ``ComparisonRow``."""
 
     simulated: IsSimulated
     site: SiteName
@@ -67,11 +67,11 @@ class SiteEffectRow:
 
 
 NO_SITE = "no site"
-"""The site of participants without a site."""
+"""Label of participants without a site."""
 
 
 def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
-    """The outcome of each condition at each site; empty for a single site."""
+    """Results of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
         own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
@@ -101,12 +101,12 @@ def site_effect_rows(
 
 
 def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
-    """A row's site."""
+    """The name of the row's site, or ``NO_SITE``."""
     return row.site or NO_SITE
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
-    """Each site of people and of simulated participants, if there are several."""
+    """Whether simulated, and name of the site: every site if there are several, otherwise empty."""
     for simulated in (False, True):
         sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
@@ -144,7 +144,7 @@ def sites_section(
     effects: Sequence[SiteEffectRow],
     simulated: bool,
 ) -> Markup:
-    """Participants, outcomes and effect sizes of each site; empty for a single site."""
+    """Participants, results and effect sizes of each site; empty for a single site."""
     if not any(row.simulated is simulated for row in outcomes):
         return Markup()
     return tag(

@@ -1,4 +1,4 @@
-"""The analysis of a study: all tables and tests from its recordings and database."""
+"""Analyse a study: compute all tables and tests from its recordings and its database."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -78,19 +78,18 @@ from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
-"""Tables that are too long for ``results.json``."""
+"""Tables that are too long for ``results.json``: only CSV files contain them."""
 FORMAT = f"{FORMAT_NAME} 1"
-FROM_FILE = "what recordings do not contain is taken from the study's present files"
+FROM_FILE = "data that recordings do not contain are taken from the current files of the study"
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The results of a study. ``groups`` are the groups of participants with recorded bodies.
+    """The results of a study. ``groups``: people and simulated participants with recorded bodies.
 
-    ``design`` is the study's design with all answered items. ``session_designs`` are the recorded designs of the
-    participants, and ``differences`` their differences from the present design. ``losses`` describe the consequences
-    of a lost database. ``repeat_findings`` are about simulated participants if ``repeats_of_simulated`` is true,
-    otherwise about people.
+    ``design``: the study's design with all answered items. ``session_designs``: the recorded designs of the
+    participants; ``differences``: their differences from the current design. ``losses``: consequences of a lost
+    database. ``repeat_findings`` are about simulated participants if ``repeats_of_simulated``, otherwise about people.
     """
 
     design: Design
@@ -130,7 +129,7 @@ class Analysis:
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
-        """Every table."""
+        """All tables for CSV files."""
         seen = self.observed
         yield Table.of("participants", ParticipantRow, seen.participants)
         yield Table.of("trials", TrialRow, seen.trials)
@@ -167,7 +166,7 @@ class Analysis:
         yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
-        """Every result for ``results.json``. Control steps and sampled people are only in tables."""
+        """All results for ``results.json``, without control steps and sampled people."""
         return {
             "format": FORMAT,
             "title": self.design.title,
@@ -199,7 +198,7 @@ def analyse(
     *,
     skip_damaged: bool = False,
 ) -> Analysis:
-    """Analyses a study in its current state; arguments and errors as for ``read_study``."""
+    """Analyse a study in its current state. Arguments and errors are those of ``read_study``."""
     answered_items = AnsweredItems(store)
     design = answered_items.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)

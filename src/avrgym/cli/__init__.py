@@ -1,4 +1,4 @@
-"""The command line: one program, one file for each group of commands."""
+"""The command line interface; each file contains a group of commands."""
 
 from avrgym.cli.main import app
 

@@ -1,4 +1,4 @@
-"""Entries of commands in the study's log, under the user account that runs them."""
+"""Log the commands of a study, with the user account that runs them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ def log(
     *,
     shows_results: bool = False,
 ) -> None:
-    """Add an entry for a command; print a warning if the study can only be read."""
+    """Add a log entry for a command. If the study is read-only, print a warning."""
     from avrgym.study.storage.audit_log import account_actor, add_entry
 
     if store.database.read_only:
@@ -29,12 +29,12 @@ def log(
 
 @contextmanager
 def logged(store: "Store", begins: str, ends: str) -> Generator[None]:
-    """Add an entry at the start of a long command, and one at its end."""
+    """Context manager: add a log entry at the start and at the end of a long command."""
     from avrgym.study.storage.states import StudyError
 
     log(store, begins)
     try:
         yield
     finally:
-        with suppress(StudyError):  # a busy database keeps no program from ending
+        with suppress(StudyError):  # a busy database must not prevent the end of the program
             log(store, ends)

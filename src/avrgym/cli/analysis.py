@@ -14,11 +14,11 @@ from avrgym.study.storage.analysis_files import FOLDER
 def analyze(
     folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
     out: Annotated[
-        Path | None, typer.Option(help="A folder for the analysis; without one, a folder of the study's.")
+        Path | None, typer.Option(help="A folder for the analysis; default: a folder in the study.")
     ] = None,
     skip_damaged: Annotated[
         bool,
-        typer.Option("--skip-damaged", help="Use nothing of damaged recordings; the report lists them."),
+        typer.Option("--skip-damaged", help="Ignore damaged recordings; the report lists them."),
     ] = False,
     json_file: JsonFile = None,
 ) -> None:

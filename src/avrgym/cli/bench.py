@@ -80,7 +80,7 @@ def bench_vr(
 
 
 def _brief(row: Row) -> Row:
-    """The columns of ``bench vr`` for a terminal."""
+    """The columns of ``bench vr`` that the terminal shows."""
     p99s = {
         f"{name}\np99, ms": row[key] and row[key]["p99"]
         for name, key in (
@@ -96,7 +96,7 @@ def _brief(row: Row) -> Row:
 
 
 def _stages(row: Row) -> list[Row]:
-    """The stages of the round trip, one row each."""
+    """The stages of the round trip as rows."""
     return [
         {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
         for name, spread in {**row["stages_ms"], "round_trip": row["round_trip_ms"]}.items()
@@ -110,9 +110,9 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> list[Row]:
-    """Measure a row for each named environment, or for all; print the ``shown`` columns, and write all columns.
+    """Measure a row for each environment, print the ``shown`` columns as a table, and write all columns.
 
-    With all environments, those that fail are named and left out.
+    With ``every``, environments that fail are omitted with a message.
     """
     check_json(json_file)
     rows: list[Row] = []

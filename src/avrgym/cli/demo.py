@@ -26,7 +26,7 @@ def demo(
     for page in result.pages:
         print_line(f"page      {page}")
     if result.without_browser:
-        print_line("There was no browser: there are no pictures of the participant's view.")
+        print_line("No browser was found, so there are no pictures of the participant's view.")
     else:
         print_line(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")
     print_line(
@@ -35,7 +35,7 @@ def demo(
 
 
 def _unused_folder(wanted: Path) -> Path:
-    """The wanted folder, or the first empty one of wanted-2, wanted-3 and so on."""
+    """The first folder of wanted, wanted-2, wanted-3 … that does not exist or is empty."""
     number, folder = 1, wanted
     while folder.exists() and any(folder.iterdir()):
         number += 1

@@ -20,7 +20,7 @@ def export_policy(
 ) -> None:
     """Write a trained policy as an ONNX file.
 
-    The graph takes observations and gives mean actions. Whatever runs ONNX runs it, `--policy OUT.onnx` too.
+    The graph maps observations to mean actions. `--policy OUT.onnx` and any ONNX runtime can run it.
     """
     from avrgym.policies.onnx import write_onnx
     from avrgym.policies.registry import find
@@ -30,7 +30,7 @@ def export_policy(
         found = find(policy, env)
         if not isinstance(found, Policy):
             raise ValueError(
-                f"{policy} is no trained policy; allowed: original, revised or a .safetensors file"
+                f"{policy} is not a trained policy; allowed: original, revised or a .safetensors file"
             )
         write_onnx(found, out)
         print_line(f"policy    {out}: {found.observation_size} numbers in, {found.action_size} out")
@@ -53,7 +53,8 @@ def export_scene(
 ) -> None:
     """Write a scene at the start of an episode for MuJoCo and other programs.
 
-    scene.mjb steps to the same bits as here, scene.xml (MJCF) can be read, changed and drawn, start.json is the start.
+    scene.mjb reproduces the simulation bit for bit. scene.xml (MJCF) can be read, edited and rendered. start.json
+    contains the initial state.
     """
     import numpy as np
 
@@ -64,7 +65,7 @@ def export_scene(
 
     with plain_errors():
         if usd and find_spec("pxr") is None:
-            raise ValueError("usd-core is missing; `pip install avrgym[usd]` brings what --usd needs")
+            raise ValueError("--usd needs usd-core; run `pip install avrgym[usd]`")
         check_new_folder(out)
         episodes = Episodes(
             env,

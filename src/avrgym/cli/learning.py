@@ -56,7 +56,7 @@ OMITTED = (
     "start_draws_max",
     "starts_refused",
 )
-"""Keys of the rows of `evaluate` that its table omits."""
+"""Metrics of `evaluate` that the printed table omits."""
 ADAPTIVE, PAPER, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual")
 OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
@@ -70,7 +70,7 @@ RECIPE_OF_OPTION = {
     "--alternate": PAIR,
     "--own-reward": PAIR,
 }
-"""Options that only one recipe has."""
+"""Options that only one recipe accepts."""
 NEW_TRAINING_OPTIONS = (
     "--config",
     "--num-envs",
@@ -79,7 +79,7 @@ NEW_TRAINING_OPTIONS = (
     "--set",
     *RECIPE_OF_OPTION,
 )
-"""Options that a training keeps: ``--resume`` does not take them."""
+"""Options of a new training; ``--resume`` rejects them, because a training cannot change them."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -120,7 +120,7 @@ def train(
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Continue the training in the folder, with its own configuration."),
+        typer.Option("--resume", help="Continue the training in the folder with its stored configuration."),
     ] = False,
     config: Annotated[
         Path | None,
@@ -263,25 +263,27 @@ def train(
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
-    """Refuse an unknown recipe, and options that do not fit it or each other."""
+    """Raise ``ValueError`` for an unknown recipe, or for options that do not fit together."""
     if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
     fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]
     if fixed:
-        raise ValueError(f"--recipe {recipe} does not take {', '.join(fixed)}")
+        raise ValueError(f"--recipe {recipe} does not accept {', '.join(fixed)}")
     for name in given:
         if name in RECIPE_OF_OPTION and recipe != RECIPE_OF_OPTION[name]:
             raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
         if resume and name in NEW_TRAINING_OPTIONS:
-            raise ValueError(f"--resume does not take {name}: a training keeps its configuration")
+            raise ValueError(
+                f"--resume does not accept {name}: the configuration of a training cannot change"
+            )
     if "--jobs" in given and "--cluster" not in given:
-        raise ValueError("--jobs needs --cluster: without one, threads of this process step the worlds")
+        raise ValueError("--jobs needs --cluster: without a cluster, threads of this process step the worlds")
 
 
 def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
 ) -> "AnyConfiguration":
-    """The configuration of a new training; options that are None have the recipe's default."""
+    """The configuration of a new training. An option that is ``None`` has the recipe's default."""
     from avrgym.learning.configuration import (
         Pairing,
         RecurrentConfiguration,
@@ -320,7 +322,7 @@ def _configuration(
 
 
 def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
-    """The configuration of the training in a folder, which must be of the environment and the recipe."""
+    """The stored configuration of a training. Raises ``ValueError`` if environment or recipe differ."""
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
         VisualConfiguration,
@@ -340,7 +342,7 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
         PAIR: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
-        raise ValueError(f"{folder} contains no training of --recipe {recipe}")
+        raise ValueError(f"{folder} contains no training with --recipe {recipe}")
     return configuration
 
 
@@ -352,7 +354,7 @@ def _training() -> ModuleType:
 
 @contextmanager
 def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Generator[training.Report]":
-    """A function that shows the progress of a training."""
+    """Context manager: a progress bar, and the function that updates it during training."""
     from avrgym.learning.training import LOG_FOLDER
 
     log = folder / LOG_FOLDER

@@ -27,7 +27,7 @@ app = Program(
 
 @app.callback()
 def begin() -> None:
-    """Before every command."""
+    """Set up the program before every command."""
     with plain_errors():
         check_rendering_backend()
 

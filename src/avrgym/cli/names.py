@@ -1,4 +1,4 @@
-"""The commands of ``avrgym study`` that read and encrypt names."""
+"""The commands of ``avrgym study`` that show and encrypt names."""
 
 import os
 import sys
@@ -42,7 +42,7 @@ def encrypt_names(
 ) -> None:
     """Encrypt the names with a new key or passphrase.
 
-    The unencrypted file is removed after the encrypted one was read back. Encrypted names get the new key.
+    The unencrypted file is removed after the encrypted file was verified. Encrypted names get the new key.
     """
     from avrgym.study.people.identities import encrypt_names as encrypt
     from avrgym.study.storage.store import Store
@@ -60,20 +60,20 @@ def encrypt_names(
 
 
 def unlock(folder: Path) -> None:
-    """Prompt for the passphrase of the names, if it is needed, was not given, and there is a terminal."""
+    """Ask for the passphrase of the names if it is needed and not in the environment, and if there is a terminal."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
     is_needed = lock is not None and lock.kind == "passphrase"
     if is_needed and identity_keys.known_passphrase(folder) is None and sys.stdin.isatty():
-        question = "Passphrase of the names (Enter leaves them locked)"
+        question = "Passphrase of the names (Enter: do not unlock them)"
         if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
             identity_keys.set_passphrase(folder, passphrase)
             identity_file.read_identities(folder)
 
 
 def print_key(folder: Path) -> None:
-    """Print how the names are encrypted, and that they are lost without the key."""
+    """Print how the names are encrypted, and a warning: without the key, they are lost."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -84,7 +84,7 @@ def print_key(folder: Path) -> None:
 
 
 def _new_passphrase(folder: Path) -> str:
-    """A new passphrase, from the environment unless that contains the present one, else from the terminal."""
+    """A new passphrase from the environment; from the terminal if the environment contains the current one."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)

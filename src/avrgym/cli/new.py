@@ -14,7 +14,7 @@ app = typer.Typer(no_args_is_help=True, help="Create a package with a task, robo
 Name = Annotated[str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")]
 Out = Annotated[
     Path | None,
-    typer.Option(help="A new folder; without it one of the package's name, here.", metavar="DIR"),
+    typer.Option(help="A new folder; default: the package's name, in the current folder.", metavar="DIR"),
 ]
 
 

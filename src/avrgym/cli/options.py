@@ -59,10 +59,10 @@ Cluster = Annotated[
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
-    """The named environments, or all.
+    """The named environments, or all environments.
 
     Raises:
-        ValueError: without a name, or for an unknown one, naming the known ones.
+        ValueError: without a name, or for an unknown name; the message lists the allowed names.
     """
     from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 
@@ -77,10 +77,10 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
 
 @contextmanager
 def on_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
-    """A connection to the cluster at an address; None without an address.
+    """Context manager: a connection to the Ray cluster at ``address``; ``None`` without an address.
 
     Raises:
-        RuntimeError: when no cluster answers.
+        RuntimeError: if no cluster answers.
     """
     if address is None:
         yield None

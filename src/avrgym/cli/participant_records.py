@@ -1,4 +1,4 @@
-"""The commands of ``avrgym study`` about adverse events, retention and the data of one participant."""
+"""The commands of ``avrgym study`` about adverse events, retention periods and the data of one participant."""
 
 from dataclasses import asdict
 from datetime import datetime
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 REQUIRED_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
-"""Fields of every report. A follow-up copies the fields that it does not state from the latest report."""
+"""Fields that every report must contain. A follow-up copies missing fields from the latest report."""
 
 
 def record_adverse_event(
@@ -86,7 +86,7 @@ def record_adverse_event(
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
-    """Fields that a new report copies from the latest one; a new event begins now and must state all others."""
+    """The latest report's fields as defaults of a follow-up; for a new event, only the current time."""
     from avrgym.study.people.adverse_events import group_by_event
     from avrgym.study.storage.schema import now
 

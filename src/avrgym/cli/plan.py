@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
 EFFECTS = (0.5, 1.0, 1.5)
-"""Default effects of ``power``, in points of a seven-point scale."""
+"""Default effect sizes of ``power``, in points of a seven-point scale."""
 
 
 def freeze(
@@ -91,7 +91,7 @@ def freeze(
 
 
 def _print_deposit(record: Path) -> None:
-    """Print how to prove the date of the plan."""
+    """Print instructions to prove the date of the plan."""
     from avrgym.study.plan.frozen_plan import sha256
 
     print_line(f"SHA-256   {sha256(record.read_bytes())}")
@@ -199,7 +199,7 @@ def power(
 
 
 def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[str | None, list[Finding]]":
-    """The time when the plan was frozen, if it was, and the deviations from it."""
+    """Time at which the plan was frozen (``None`` without a plan), and the deviations from it."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
     frozen = read_frozen_plan(store)
@@ -214,7 +214,7 @@ def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[
 
 
 def checked(store: "Store") -> "list[Finding]":
-    """All findings of a check and all deviations from the plan, each once."""
+    """All findings of a check and all deviations from the plan, without duplicates."""
     from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.finding import ExcludedTrial
 

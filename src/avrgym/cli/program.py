@@ -1,4 +1,4 @@
-"""The program ``avrgym``: handling of signals (Ctrl+C, SIGTERM, SIGHUP) and of missing packages."""
+"""The program ``avrgym``: handle signals (Ctrl+C, SIGTERM, SIGHUP) and missing packages."""
 
 import os
 import signal
@@ -15,9 +15,9 @@ STOP_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 _INTERRUPTED = 130
-"""Typer's exit code for a KeyboardInterrupt."""
+"""Typer's exit code after a ``KeyboardInterrupt``."""
 MAX_SIGNALS = 3
-"""The first signal ends the program in order, the second is ignored, the third ends it immediately."""
+"""The first signal ends the program with clean-up. The second is ignored. The third ends it immediately."""
 EXTRAS = {
     "study": "study",
     "analyze": "study",
@@ -25,24 +25,24 @@ EXTRAS = {
     "demo": "study",
     "sweep": "train,cluster",
 }
-"""The extras to install for a command, if one package alone does not identify them."""
+"""The extra of a command. It is suggested if several extras contain the missing package."""
 
 
 class Signals:
-    """The received signals. Signals that are ignored at the start, as with ``nohup``, remain ignored."""
+    """The received signals. Signals that were ignored at the start (``nohup``) stay ignored."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
 
     def listen(self) -> None:
-        """Raise ``KeyboardInterrupt`` at the first signal from now on."""
+        """Install the handlers: the first signal raises ``KeyboardInterrupt``."""
         for each in STOP_SIGNALS:
             if signal.getsignal(each) is not signal.SIG_IGN:
                 signal.signal(each, self._receive)
 
     @property
     def exit_code(self) -> int:
-        """The exit code of a program interrupted by the first signal."""
+        """128 plus the number of the first signal."""
         return 128 + self.received[0]
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
@@ -54,10 +54,10 @@ class Signals:
 
 
 class Commands(TyperGroup):
-    """Commands that report missing packages with the command that installs them."""
+    """A group of commands. If a package is missing, it prints the command that installs it."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; raises ``typer.Exit``."""
+        """Run the command. Raises ``typer.Exit`` if a package is missing."""
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
@@ -69,10 +69,10 @@ class Commands(TyperGroup):
 
 
 class Program(typer.Typer):
-    """A command line whose commands exit with 128 plus the number of the signal that interrupts them."""
+    """A command line program. A signal ends it with exit code 128 plus the signal's number."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command line's command; raises ``SystemExit``."""
+        """Run the command and raise ``SystemExit`` at its end."""
         signals = Signals()
         try:
             signals.listen()
@@ -86,7 +86,7 @@ class Program(typer.Typer):
 
 
 def _is_broken_off(end: BaseException) -> bool:
-    """Whether a command was interrupted and did not treat this as its normal end."""
+    """Whether an interruption ended the command."""
     return (
         isinstance(end, KeyboardInterrupt)
         or isinstance(end.__context__, typer.Abort)
@@ -95,7 +95,7 @@ def _is_broken_off(end: BaseException) -> bool:
 
 
 def _notes(end: BaseException) -> list[str]:
-    """The notes on the interrupt: what is stored, and how to continue."""
+    """Notes about an interruption: which results are stored, and how to continue."""
     error: BaseException | None = end
     while error is not None:
         if isinstance(error, KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, lines of text in a file."""
+"""Show the progress of long work: a bar on a terminal, lines in a file."""
 
 import time
 from collections import deque
@@ -12,22 +12,22 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINE_INTERVAL_S = 10.0
-"""Time between lines in a file."""
+"""Time between two lines in a file."""
 SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
-"""Time between samples of the rate, and the time that it is averaged over."""
+"""Time between samples of the rate, and the time window of its average."""
 NOTHING_WRITTEN = "nothing was written; run the same command again"
 CONTINUES = "finished work is stored; the same command continues"
 Clock = Callable[[], float]
 
 
 class Rate:
-    """The rate of work, from samples of the amount done."""
+    """Rate of work, from samples of the completed amount."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add(self, now_s: float, done: float) -> None:
-        """Add a sample. The amount of the first sample does not count."""
+        """Add a sample. The first sample is the reference."""
         if len(self._samples) > 1 and now_s - self._samples[-2][0] < SAMPLE_INTERVAL_S:
             self._samples.pop()
         self._samples.append((now_s, done))
@@ -36,7 +36,7 @@ class Rate:
 
     @property
     def per_s(self) -> float:
-        """Amount per second; 0 before it is known."""
+        """Amount per second; 0 until two samples exist."""
         (first_s, first), (last_s, last) = self._samples[0], self._samples[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 
@@ -52,13 +52,13 @@ class Bar:
         self._rate = Rate()
 
     def advance(self, by: float = 1) -> None:
-        """Add to the amount done."""
+        """Add ``by`` to the completed amount."""
         if not self._task.completed:
             self._rate.add(self._started_s, 0.0)
         self.show(self._task.completed + by)
 
     def show(self, done: float, total: float | None = None, label: str | None = None) -> None:
-        """Set the amount done, and the total or the label if they change."""
+        """Set the completed amount and, if given, total and label."""
         now_s = self._progress.get_time()
         self._rate.add(now_s, done)
         description = None if label is None else printable(label)
@@ -79,7 +79,7 @@ class Bar:
         return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
-        """Such as ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""
+        """The progress as text: ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""
         task, per_s = self._task, self._rate.per_s
         done = f"{task.completed:.0f} {self._unit}"
         if task.total:
@@ -97,14 +97,14 @@ def progress_bar(
     stopped: str = NOTHING_WRITTEN,
     clock: Clock = time.monotonic,
 ) -> Generator[Bar]:
-    """Show the progress of long work.
+    """Context manager: show the progress of long work.
 
     Args:
         label: name of the work.
-        total: amount of work; without it the bar pulses.
-        unit: of the amount.
-        stopped: message after an interruption: the stored results, and how to continue.
-        clock: returns seconds.
+        total: amount of work; without it, the bar has no end.
+        unit: unit of the amount, such as ``steps``.
+        stopped: message after an interruption: which results are stored, and how to continue.
+        clock: a function that returns the time in seconds.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -133,7 +133,7 @@ def progress_bar(
 
 
 def duration(seconds: float) -> str:
-    """A duration as text: ``40 s``, ``12 min`` or ``3 h 20 min``."""
+    """A duration as text, such as ``40 s``, ``12 min`` or ``3 h 20 min``."""
     minutes = round(seconds / 60)
     if seconds < 100:
         return f"{seconds:.0f} s"

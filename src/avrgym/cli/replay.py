@@ -40,7 +40,7 @@ def replay(
         Path | None, typer.Option(help="Render it to a new .gif file, for slides.", metavar="OUT.gif")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="Draw this number of pictures side by side into --out.", min=1, max=20)
+        int | None, typer.Option(help="Write this number of pictures side by side to --out.", min=1, max=20)
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
@@ -105,7 +105,7 @@ def replay(
 
 @contextmanager
 def _with_file_name(file: Path) -> Generator[None]:
-    """Add the file name to errors of reading and replay."""
+    """Context manager: add the file name to error messages."""
     from avrgym.recording.reader import RecordingError
     from avrgym.replay.playback import ReplayError
 
@@ -124,13 +124,13 @@ def _read(file: Path) -> "Recording":
     if file.is_dir():
         raise ValueError(f"{file}: a folder; {RECORDINGS_HINT}")
     recording = read_recording(file)
-    print_line(f"{title(recording)}, {recording.result or 'broken off'} after {recording.duration_s:.2f} s")
+    print_line(f"{title(recording)}, {recording.result or 'interrupted'} after {recording.duration_s:.2f} s")
     return recording
 
 
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
-    """A progress bar over the recorded states."""
+    """Context manager: a progress bar over the recorded states, and the function that advances it."""
     with progress_bar(words, len(recording.topics["/physics"]), "states") as bar:
         yield bar.advance
 
@@ -152,7 +152,11 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
 
 
 def _print_differences(found: "Verification") -> None:
-    """Print the differences. A difference that neither rounding, plug-ins nor versions explain is an error."""
+    """Print the differences.
+
+    Raises:
+        ReplayError: if neither rounding nor changed plug-ins or versions explain the differences.
+    """
     from avrgym.replay.playback import ReplayError
     from avrgym.vr.session.attempt import versions
 
@@ -173,7 +177,7 @@ def _print_differences(found: "Verification") -> None:
         return
     if found.same_versions:
         raise ReplayError(
-            f"it differs although it was recorded with the present versions, {found.recorded_with}"
+            f"it differs although it was recorded with the installed versions, {found.recorded_with}"
         )
     print_line(f"It was recorded with {found.recorded_with}; this is {versions()}.")
 

@@ -1,4 +1,4 @@
-"""The commands that serve pages live: ``avrgym serve`` and ``avrgym view``."""
+"""The commands that serve live pages: ``avrgym serve`` and ``avrgym view``."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 def serve(
     study: Annotated[
-        Path, typer.Option(help="A study's folder, or one that recordings go into.", metavar="DIR")
+        Path, typer.Option(help="The study's folder, or a folder for recordings.", metavar="DIR")
     ] = Path("study"),
     participant: Annotated[
         str | None, typer.Option(help="The participant whose session starts or continues, such as sub-001.")
@@ -52,14 +52,16 @@ def serve(
         str | None, typer.Option(help="The address to listen on: a loopback address, or with --lan any.")
     ] = None,
     port: Annotated[
-        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
     ] = PORT,
     lan: Annotated[
         bool,
         typer.Option("--lan", help="Serve the local network too, over TLS with a self-signed certificate."),
     ] = False,
     env: Annotated[list[str] | None, typer.Option(help="An environment of the trials; repeatable.")] = None,
-    policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "adaptive",
+    policy: Annotated[
+        str, typer.Option(help=f"The policy that drives the robot: {CHOICES}; or {OPERATOR}.")
+    ] = "adaptive",
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
     ] = "woman",
@@ -191,7 +193,7 @@ def _serve_study(
     *,
     check: bool,
 ) -> None:
-    """Serve a study's dashboard and the sessions that it starts; starts that of a given participant immediately."""
+    """Serve a study's dashboard and its sessions. With ``participant``, start their session immediately."""
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
@@ -248,14 +250,14 @@ def _record(log: "LiveLog", sessions: "StudySessions", caller: "Caller", message
 
 
 def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":
-    """The requested streams, for the duration of the context."""
+    """Context manager: the requested streams; ``None`` without any."""
     if not choice.send and not choice.receive:
         return nullcontext()
     try:
         from avrgym.vr.lab_streaming.streams import lab_streams
-    except (ModuleNotFoundError, RuntimeError) as error:  # the latter where its library cannot be loaded
+    except (ModuleNotFoundError, RuntimeError) as error:  # a RuntimeError if its library cannot be loaded
         raise ValueError(
-            f"Lab Streaming Layer is not at hand ({error}); `pip install avrgym[lsl]` brings it"
+            f"Lab Streaming Layer is missing ({error}); `pip install avrgym[lsl]` installs it"
         ) from error
     return lab_streams(choice)
 
@@ -278,7 +280,7 @@ def _free_session(
     settings: list[str] | None,
     allow_other_settings: bool,
 ) -> "Callable[[Send], Session]":
-    """A function that creates a session without a study."""
+    """A function that starts a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
     from avrgym.tasks.settings import parse_settings
     from avrgym.texts.interface_texts import read_texts
@@ -316,7 +318,7 @@ def _free_session(
 
 
 def _tell_check(happened: "SessionEvent") -> None:
-    """Print the result of a headset check."""
+    """Print the result of a headset check; ignore other events."""
     from avrgym.vr.headset_check import measurement_text, result_text
     from avrgym.vr.session.events import HeadsetChecked
 
@@ -326,7 +328,7 @@ def _tell_check(happened: "SessionEvent") -> None:
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
-    """Print the addresses to open; ``participants`` are those of the participant's page."""
+    """Print the addresses to open; ``participants``: the addresses of the participant's page."""
     own, *in_network = participants
     print_line("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
     print_line(f"    {own}")
@@ -360,7 +362,7 @@ def view(
     people: Annotated[str, typer.Option(help=f"The population: {PEOPLE}.")] = "revised",
     impairment: Impairment = "none",
     port: Annotated[
-        int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
+        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
     ] = PORT,
     seed: Seed = 0,
     force_guard: ForceGuard = False,

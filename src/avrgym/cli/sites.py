@@ -1,4 +1,4 @@
-"""The command ``avrgym study merge``, and the filled orders of sites."""
+"""The command ``avrgym study merge``, and the number of participants by order and site."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -70,6 +70,6 @@ def merge(
 
 
 def print_sites(summary: "StudySummary") -> None:
-    """Print the filled orders of each site."""
+    """Print for each site how many participants have each order."""
     for site, filled in summary.filled_by_site.items():
         print_line(f"at {site}  {', '.join(map(str, filled))}")

@@ -105,7 +105,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
-    """A row of the table: the number of the order, from 1, replaces the index of the cell."""
+    """A row of the table. It contains the number of the order, from 1, instead of the index."""
     row = {{"cell": "order"}.get(name, name): value for name, value in asdict(participant).items()}
     return row | {"order": None if participant.cell is None else participant.cell + 1}
 
@@ -188,7 +188,7 @@ def _ask_for_consent(store: "Store", person: "Participant") -> None:
 
 
 def _ask_again(store: "Store", person: "Participant") -> bool:
-    """Ask for re-consent to a new version of the text; returns whether the participant still takes part."""
+    """Ask for re-consent to a new version of the text. Returns whether the participant still takes part."""
     from avrgym.study.people.participants import decline_consent, record_consent
 
     print_line(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
@@ -350,11 +350,11 @@ def rebuild(folder: Folder) -> None:
     print_line(f"lost      {rebuilt.lost}")
     if rebuilt.unknown:
         print_line(
-            f"unknown   consent or withdrawal of {rebuilt.unknown} participants: they are in no analysis until you "
-            "confirm each with `avrgym study confirm-participation`"
+            f"unknown   consent or withdrawal of {rebuilt.unknown} participants: they are excluded from analyses until "
+            "you confirm each with `avrgym study confirm-participation`"
         )
     print_line(
-        "marked    `check` and the report state that the database was rebuilt; it proves the date of no plan any more"
+        "marked    `check` and the report state that the database was rebuilt; it no longer proves the date of a plan"
     )
     for each in rebuilt.left_out:
         print_line(f"left out  {each}")

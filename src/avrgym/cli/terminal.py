@@ -1,7 +1,6 @@
-"""Output of all commands: errors, metrics and tables.
+"""Print errors, metrics and tables of all commands.
 
-Text is printed without interpretation: a title or path may contain brackets, which are markup in rich, or control
-characters of the terminal.
+Text is printed as it is. Brackets in a title or path are not markup of rich, and control characters are escaped.
 """
 
 import json
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
 UNKNOWN = "–"
-"""What a table shows where there is no value."""
+"""Table cell without a value."""
 
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
@@ -38,7 +37,7 @@ Jobs = Annotated[
 
 @contextmanager
 def plain_errors() -> Generator[None]:
-    """Convert an error that the user can fix to one line and exit code 1."""
+    """Context manager: print a user error as one line and exit with code 1."""
     try:
         yield
     except (ValueError, OSError, RuntimeError) as error:
@@ -48,7 +47,7 @@ def plain_errors() -> Generator[None]:
 
 
 def _error_text(error: Exception) -> str:
-    """The message of an error; for errors of the system, the file and the reason without its number."""
+    """The message of an error. For a system error: the file and the reason, without the error number."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     reason = error.strerror[:1].lower() + error.strerror[1:]
@@ -56,7 +55,7 @@ def _error_text(error: Exception) -> str:
 
 
 def check_json(path: Path | None) -> None:
-    """Raise ``ValueError`` if metrics cannot be written to a path; called before long work.
+    """Raise ``ValueError`` if the file cannot be written; called before long work.
 
     The path must be a new or a regular file.
     """
@@ -71,28 +70,28 @@ def check_json(path: Path | None) -> None:
 
 
 def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]) -> None:
-    """Write metrics to a file, if a path is given."""
+    """Write metrics to a JSON file; without a path, do nothing."""
     check_json(path)
     if path is not None:
         write_atomically(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
 def printable(text: str, encoding: str | None = None) -> str:
-    """A text with escaped control characters, except line breaks and tabs.
+    """The text with escaped control characters, except line breaks and tabs.
 
-    Characters that the encoding of the terminal lacks are escaped too.
+    Characters outside the terminal's encoding are escaped too.
     """
     known = encoding or sys.stdout.encoding or "utf-8"
     return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
 
 
 def print_line(text: str) -> None:
-    """Print a line without wrapping, so that paths and addresses can be copied."""
+    """Print a line without wrapping. Paths and addresses can then be copied."""
     typer.echo(printable(text))
 
 
 def print_skipped(what: str, error: Exception) -> None:
-    """Print on stderr what a command skips, and the reason, in one line."""
+    """Print one line on stderr: the thing that a command skips, and the reason."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
@@ -106,7 +105,7 @@ def warn(text: str) -> None:
 
 
 def console(width: int | None = None) -> "Console":
-    """A rich console. In a file it writes no control characters."""
+    """A rich console. It writes no control characters into files."""
     from rich.console import Console
 
     is_terminal = sys.stdout.isatty()
@@ -119,7 +118,7 @@ def confirm(question: str) -> bool:
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    """Print rows with equal keys as a table, without truncation at the width of the terminal."""
+    """Print rows with the same keys as a table. Cells are not truncated at the width of the terminal."""
     from rich.box import SIMPLE
     from rich.table import Column, Table
 
@@ -130,7 +129,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 
 def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
-    """Print forces by region of the body of whatever is named, where there were any; see ``RegionStatistics``."""
+    """Print the contact forces by body region for each name, if there were any; see ``RegionStatistics``."""
     rows = [
         {"of": name, "region": region, **figures}
         for name, regions in forces.items()

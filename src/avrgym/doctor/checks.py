@@ -1,4 +1,4 @@
-"""All checks of this computer, in the order of the output."""
+"""All checks of this computer, in the order of output."""
 
 import platform
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ CHECKS = (
 
 
 def run_checks(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
-    """Yield the name and the result of each check. An exception in a check becomes an error result."""
+    """Run all checks; yield the name and result of each. An exception in a check becomes an error."""
     for check in checks:
         try:
             yield check.name, check.run()

@@ -1,4 +1,4 @@
-"""Checks of the connection to a headset: browser, cable, port, network, certificate."""
+"""Check the connection to a headset: browser, cable, port, network, firewall and certificate."""
 
 import re
 import shutil
@@ -18,24 +18,26 @@ UFW = Path("/etc/ufw/ufw.conf")
 
 
 def browser() -> Finding:
-    """Whether Playwright and Chromium are installed, for `avrgym demo`."""
+    """Check that Playwright and Chromium are installed, for `avrgym demo`."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
         return warning(
-            "Playwright is not installed, so the demo has no browser", "pip install 'avrgym[browser]'"
+            "Playwright is not installed; the demo needs it for pictures", "pip install 'avrgym[browser]'"
         )
     found = find_chromium()
     if found is None:
         with sync_playwright() as playwright:
             found = playwright.chromium.executable_path
     if not Path(found).is_file():
-        return warning("Chromium is not installed, so the demo has no browser", "playwright install chromium")
+        return warning(
+            "Chromium is not installed; the demo needs it for pictures", "playwright install chromium"
+        )
     return ok(found)
 
 
 def headset() -> Finding:
-    """Whether a headset is connected by cable and permits USB debugging."""
+    """Check that a headset is connected by cable and allows USB debugging."""
     program = shutil.which("adb")
     if program is None:
         return warning(
@@ -56,16 +58,16 @@ def headset() -> Finding:
 
 
 def port(number: int) -> Finding:
-    """Whether a server can listen on a port of this computer."""
+    """Check that a server can listen on a port of this computer."""
     try:
         listen(LOOPBACK[0], number).close()
     except ServerError as failure:
-        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 selects a free one")
+        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 chooses a free port")
     return ok(f"{number} is free")
 
 
 def network(names: Sequence[str]) -> Finding:
-    """Whether this computer has an address in the local network."""
+    """Check that this computer has an address in the local network."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
         return warning(
             "this computer has no network address, so headsets cannot use --lan",
@@ -75,7 +77,7 @@ def network(names: Sequence[str]) -> Finding:
 
 
 def firewall(number: int, ufw: Path = UFW) -> Finding:
-    """Whether a firewall may block a port for headsets of the local network."""
+    """Check that no firewall blocks a port for headsets in the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
         return warning(
             "ufw is active and may block headsets with --lan",
@@ -97,7 +99,7 @@ def _succeeds(*command: str) -> bool:
 
 
 def certificate(wanted: Certificate) -> Finding:
-    """Whether the certificate of --lan is valid and private."""
+    """Check that the certificate of --lan is valid and its key private."""
     if not wanted.certificate_file.exists():
         return ok(f"none yet; --lan creates one in {wanted.certificate_file.parent}")
     if any(exposed(wanted.key_file)):

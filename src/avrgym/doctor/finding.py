@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 State = Literal["ok", "warning", "error"]
-"""Error: a function of AVR Gym fails on this computer. Warning: a function is limited."""
+"""``error``: a part of AVR Gym does not work on this computer. ``warning``: a part is limited."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check: a message, and how to fix the problem (empty if there is none)."""
+    """Result of a check: a message, and instructions to fix the problem (empty without a problem)."""
 
     state: State
     message: str
@@ -19,22 +19,22 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """A check of this computer. ``run`` changes nothing."""
+    """A check of this computer. ``run`` must not change anything."""
 
     name: str
     run: Callable[[], Finding]
 
 
 def ok(message: str) -> Finding:
-    """A result without a problem."""
+    """A finding without a problem."""
     return Finding("ok", message)
 
 
 def warning(message: str, fix: str) -> Finding:
-    """The result that a function is limited."""
+    """A finding that a part of AVR Gym is limited."""
     return Finding("warning", message, fix)
 
 
 def error(message: str, fix: str) -> Finding:
-    """The result that a function fails."""
+    """A finding that a part of AVR Gym does not work."""
     return Finding("error", message, fix)

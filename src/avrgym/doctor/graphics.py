@@ -1,4 +1,4 @@
-"""Checks of graphics card and rendering."""
+"""Check the graphics card and rendering."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 
 
 def graphics_card() -> Finding:
-    """The graphics card, and whether its driver responds."""
+    """Find the graphics card, and check that its driver responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
@@ -42,7 +42,7 @@ def _nvidia(program: str) -> Finding:
 
 
 def rendering() -> Finding:
-    """Whether MuJoCo can render a picture, and with which renderer."""
+    """Check that MuJoCo can render a picture, and report the renderer."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
@@ -64,7 +64,7 @@ def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
 
 
 def draw_ball() -> str:
-    """Draw a red ball and return the name of the renderer; raise ``RuntimeError`` if the picture does not show it."""
+    """Render a red ball and return the renderer's name. Raises ``RuntimeError`` if the picture shows no ball."""
     import mujoco
     from OpenGL import GL
 
@@ -79,5 +79,5 @@ def draw_ball() -> str:
         return GL.glGetString(GL.GL_RENDERER).decode()
 
 
-if __name__ == "__main__":  # a process of its own, because a graphics library may end it
+if __name__ == "__main__":  # run in a separate process, because a graphics library may crash it
     print(draw_ball())

@@ -1,4 +1,4 @@
-"""Checks of the installation: Python, packages, extras, client and plug-ins."""
+"""Check the installation: Python, packages, extras, client and plug-ins."""
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,11 +13,11 @@ from avrgym.system.extras import DEVELOPER_EXTRAS
 from avrgym.vr.server.web_server import INSTALL_PAGES, PAGES, ServerError, check_page
 
 SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
-"""Packages whose versions are printed, for bug reports."""
+"""Packages with printed versions, for bug reports."""
 
 
 def python(running: str, asked: str | None = None) -> Finding:
-    """Whether a Python version meets AVR Gym's requirement, or the one in ``asked``, such as ``>=3.11``."""
+    """Check the Python version against AVR Gym's requirement, or against ``asked``, such as ``>=3.11``."""
     wanted = asked or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(wanted).contains(running, prereleases=True):
         return ok(f"{running} on {platform.system()} {platform.machine()}")
@@ -28,7 +28,7 @@ def python(running: str, asked: str | None = None) -> Finding:
 
 
 def packages(wanted: Sequence[Requirement]) -> Finding:
-    """Whether the installed packages meet requirements such as ``numpy>=2.0``."""
+    """Check that the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in wanted if _conflicting_version(each) is not None]
     if unmet:
         return error(_list_unmet(unmet), _install(unmet))
@@ -37,7 +37,7 @@ def packages(wanted: Sequence[Requirement]) -> Finding:
 
 
 def requirements_of(extra: str = "") -> list[Requirement]:
-    """Requirements of the installed AVR Gym, or of one of its extras including the extras that it contains."""
+    """Requirements of the installed ``avrgym`` package, or of one of its extras. Nested extras are resolved."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
     included = (
@@ -51,7 +51,7 @@ def requirements_of(extra: str = "") -> list[Requirement]:
 
 
 def offered_extras() -> list[str]:
-    """The extras of the installed AVR Gym for users."""
+    """The extras of the installed ``avrgym`` package, without those for developers."""
     return [
         each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in DEVELOPER_EXTRAS
     ]
@@ -62,7 +62,7 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """Which of the extras, given with their requirements, are installed. A conflicting version is a warning."""
+    """List the installed extras. ``wanted``: each extra's requirements. A conflicting version is a warning."""
     wrong = [each for asked in wanted.values() for each in asked if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
@@ -75,7 +75,7 @@ def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
 
 
 def client() -> Finding:
-    """Whether the pages of the browser client are installed."""
+    """Check that the pages of the browser client are installed."""
     try:
         for page in PAGES:
             check_page(page)
@@ -85,7 +85,7 @@ def client() -> Finding:
 
 
 def plugins() -> Finding:
-    """Whether all plug-ins of other packages can be loaded."""
+    """Check that all plug-ins of other packages can be loaded."""
     skipped = skipped_plugins()
     if skipped:
         return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; the rest works")
@@ -93,7 +93,7 @@ def plugins() -> Finding:
 
 
 def _conflicting_version(wanted: Requirement) -> str | None:
-    """The installed version if it conflicts, "" if none is installed, else ``None``."""
+    """The installed version if it conflicts; "" if the package is missing; ``None`` without a conflict."""
     try:
         found = version(wanted.name)
     except PackageNotFoundError:
@@ -104,7 +104,7 @@ def _conflicting_version(wanted: Requirement) -> str | None:
 def _list_unmet(unmet: Iterable[Requirement]) -> str:
     found = ((each, _conflicting_version(each)) for each in unmet)
     return ", ".join(
-        f"{each.name} {number or 'is missing'} (asked for: {each.specifier or 'any'})"
+        f"{each.name} {number or 'is missing'} (required: {each.specifier or 'any'})"
         for each, number in found
     )
 

@@ -1,4 +1,4 @@
-"""Checks of real-time performance, limits of the system and disk space."""
+"""Check real-time performance, system limits and disk space."""
 
 import getpass
 import os
@@ -20,14 +20,14 @@ from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 
 SLEEP_COUNT = 20
 OVERSLEEP_SHARE = 0.2
-"""Maximum median oversleep, as a share of a tick."""
+"""Maximum excess of a sleep over one tick, as a share of the tick (median)."""
 BYTES_PER_TRIAL = 1_000_000
-"""About what a trial of 20 s leaves: the recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
+"""Size of the recording of a trial of 20 s: 0.8 to 1.0 MB in ``tests/data/recordings-of-0.1.0``."""
 FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
 
 def processors() -> Finding:
-    """Whether there are at least two processors."""
+    """Check that there are at least two processors."""
     count = _processor_count()
     if count > 1:
         return ok(f"{count}")
@@ -39,7 +39,7 @@ def _processor_count() -> int:
 
 
 def real_time_priority() -> Finding:
-    """Whether the simulation's thread may have real-time priority."""
+    """Check that the simulation's thread may have real-time priority."""
     if sys.platform != "linux" or _processor_count() == 1:
         return ok("not available on this system")
     with ThreadPoolExecutor(1) as thread:
@@ -52,7 +52,7 @@ def real_time_priority() -> Finding:
 
 
 def _user() -> str:
-    """The name of the current user, or the id if there is no name, as in some containers."""
+    """Name of the current user, or the user id without a name (in some containers)."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):
@@ -60,7 +60,7 @@ def _user() -> str:
 
 
 def oversleep_s() -> float:
-    """The median excess duration of sleeps of one tick, seconds."""
+    """Median excess duration of a sleep of one tick, in seconds."""
     late: list[float] = []
     for _ in range(SLEEP_COUNT):
         began = time.monotonic()
@@ -70,7 +70,7 @@ def oversleep_s() -> float:
 
 
 def timer(late_s: float) -> Finding:
-    """Whether this excess duration of sleeps permits ticks of 10 ms."""
+    """Check that the excess duration of sleeps allows ticks of 10 ms."""
     told = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * late_s:.1f} ms too long"
     if late_s <= OVERSLEEP_SHARE * TICK_S:
         return ok(told)
@@ -78,7 +78,7 @@ def timer(late_s: float) -> Finding:
 
 
 def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
-    """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
+    """Check that idle processors wake quickly. In a virtual machine, this requires write access to ``latency``."""
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):
@@ -90,7 +90,7 @@ def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idl
 
 
 def open_file_limit(number: int | None = None) -> Finding:
-    """Whether the maximum number of open files, by default that of this process, is enough for a server."""
+    """Check that the maximum number of open files is enough for a server; default: the limit of this process."""
     allowed = max_open_files() if number is None else number
     needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     if allowed >= needed:
@@ -99,7 +99,7 @@ def open_file_limit(number: int | None = None) -> Finding:
 
 
 def writable(folder: Path) -> Finding:
-    """Whether files can be written and locked in a folder, or the folder can be created."""
+    """Check that files can be written and locked in a folder, or that the folder can be created."""
     place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
@@ -116,12 +116,12 @@ def writable(folder: Path) -> Finding:
 
 
 def free_space(folder: Path) -> Finding:
-    """Whether a folder has disk space for the recordings of a study."""
+    """Check that the folder's disk has space for the recordings of a study."""
     return space(shutil.disk_usage(_existing_parent(folder)).free)
 
 
 def space(free_bytes: int) -> Finding:
-    """Whether this disk space is enough for the recordings of a study."""
+    """Check that a number of free bytes is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
     told = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"

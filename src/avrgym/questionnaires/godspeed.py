@@ -21,7 +21,7 @@ OPPOSITES = {
     ),
     "safety": (("anxious", "relaxed"), ("agitated", "calm"), ("quiescent", "surprised")),
 }  # fmt: skip
-"""By scale the words at both ends, of which the right one counts more; as printed, none is reversed."""
+"""Word pairs of each scale. The second word has the higher value; no item is reversed."""
 
 
 def _opposites_id(scale: str, low: str) -> str:

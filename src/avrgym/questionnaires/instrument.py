@@ -1,4 +1,4 @@
-"""Validated questionnaires: items, values of answers, and scores.
+"""Validated questionnaires: items, response scales and scoring.
 
 To add one, define an ``Instrument`` in a module of this package and list it in ``registry``.
 """
@@ -8,11 +8,11 @@ from statistics import fmean
 from typing import Literal, NamedTuple
 
 DIGITS = 9
-"""Decimals of scores. Rounding makes scores of equal answers equal."""
+"""Number of decimals of scores. Rounding removes numerical differences between scores of equal answers."""
 
 
 class Response(NamedTuple):
-    """The scale of an item: ``points`` answers with the values ``lowest``, ``lowest + step`` and so on."""
+    """Response scale of an item: ``points`` answers with the values ``lowest``, ``lowest + step`` and so on."""
 
     points: int
     lowest: int
@@ -25,23 +25,24 @@ class Response(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """The value halfway between the ends."""
+        """The mean of the lowest and highest value."""
         return (self.lowest + self.highest) / 2
 
     @property
     def values(self) -> range:
-        """The values of all answers, the lowest first."""
+        """The values of all answers, in ascending order."""
         return range(self.lowest, self.highest + self.step, self.step)
 
     def scale_value(self, value: int) -> int:
-        """The value of a stored answer; stored answers are numbered from 1."""
+        """The value of a stored answer. Stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
 
 class InstrumentItem(NamedTuple):
-    """An item. Texts that its licence does not permit are empty; the study's folder contains them.
+    """An item of a validated questionnaire.
 
-    ``low`` and ``high``: labels of both ends. ``labels``: of every answer, if they are not just numbers.
+    A text is empty if its licence does not allow distribution; the study's folder then contains it. ``low`` and
+    ``high``: labels of both ends. ``labels``: labels of all answers, if they are not only numbers.
     """
 
     id: str
@@ -52,10 +53,10 @@ class InstrumentItem(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A score: the ``mean`` or ``sum`` of the item values, times ``factor``.
+    """A score: the ``mean`` or ``sum`` of item values, times ``factor``.
 
-    An item that is listed twice counts twice. ``reversed`` items count from the other end. ``offset`` is then added to
-    each item.
+    An item that is listed twice counts twice. The values of ``reversed`` items are reversed; then ``offset`` is added
+    to the value of each item.
     """
 
     name: str
@@ -67,9 +68,9 @@ class Scale(NamedTuple):
 
 
 class Weighting(NamedTuple):
-    """A score with weights: the weighted mean of items.
+    """A weighted score: the weighted mean of item values.
 
-    ``instrument`` is the questionnaire whose scores are the weights; ``items`` maps its scales to the weighted items.
+    ``instrument``: the questionnaire with the weights as scores. ``items``: the weighted item of each of its scales.
     Weights are integers from 0 to ``most`` with the sum ``total``.
     """
 
@@ -83,8 +84,8 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``missing``: with ``"no score"``, a scale with a missing answer has no score; with ``"centre"``, a missing answer
-    has the middle value. ``texts``: source of the texts that are not included.
+    ``missing``: if an answer is missing, ``"no score"`` gives no score, and ``"centre"`` replaces the answer by the
+    scale's middle. ``texts``: the source of texts that AVR Gym does not contain.
     """
 
     name: str
@@ -100,17 +101,17 @@ class Instrument(NamedTuple):
 
     @property
     def scale_names(self) -> list[str]:
-        """The names of all scores."""
+        """The names of all scales, including the weighted score."""
         return [scale.name for scale in self.scales] + ([self.weighting.scale] if self.weighting else [])
 
     def items_of(self, scale: str) -> tuple[str, ...]:
-        """The items of a score, each once."""
+        """The items of a scale, without duplicates."""
         if self.weighting is not None and scale == self.weighting.scale:
             return tuple(self.weighting.items.values())
         return tuple(dict.fromkeys(self._scale(scale).items))
 
     def range_of(self, scale: str) -> tuple[float, float]:
-        """The lowest and the highest possible score."""
+        """The lowest and the highest possible score of a scale."""
         response = self.response
         if self.weighting is not None and scale == self.weighting.scale:
             return float(response.lowest), float(response.highest)
@@ -121,14 +122,14 @@ class Instrument(NamedTuple):
     def score(
         self, answers: Mapping[str, int], weights: Mapping[str, int] | None = None
     ) -> dict[str, float | None]:
-        """Every score by the name of its scale; ``None`` if required answers are missing.
+        """The score of each scale by name; ``None`` if required answers are missing.
 
         Args:
-            answers: by item, numbered from 1.
-            weights: of the weighted items; without them, the weighted score is ``None``.
+            answers: the answer to each item, numbered from 1.
+            weights: the weight of each weighted item; without weights, the weighted score is ``None``.
 
         Raises:
-            ValueError: for an unknown item or an invalid answer or weight.
+            ValueError: for an unknown item, or for an invalid answer or weight.
         """
         counts = {item: self._count(item, value) for item, value in answers.items()}
         scores = {scale.name: self._score(scale, counts) for scale in self.scales}
@@ -144,7 +145,7 @@ class Instrument(NamedTuple):
             raise ValueError(f"{self.name} has no item {item!r}; allowed: {', '.join(own)}")
         if not 1 <= value <= self.response.points:
             raise ValueError(
-                f"{value} is no answer to {item}; allowed: whole numbers from 1 to {self.response.points}"
+                f"{value} is not an answer to {item}; allowed: integers from 1 to {self.response.points}"
             )
         return self.response.scale_value(value)
 
@@ -161,15 +162,16 @@ class Instrument(NamedTuple):
 
 
 def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
-    """Raise ``ValueError``, naming the allowed values, unless every item has a weight and the sum is right."""
+    """Raise ``ValueError`` if an item has no weight, or if a weight or the sum of weights is not allowed."""
     names = ", ".join(weighting.items)
     if set(weights) != set(weighting.items):
-        raise ValueError(f"weights of {', '.join(weights) or 'no item'}; allowed: {names}, each once")
+        given = ", ".join(weights) or "no item"
+        raise ValueError(f"weights are given for {given}; allowed: one weight for each of {names}")
     if not all(0 <= weight <= weighting.most for weight in weights.values()):
-        raise ValueError(f"a weight is out of range; allowed: whole numbers from 0 to {weighting.most}")
+        raise ValueError(f"a weight is out of range; allowed: integers from 0 to {weighting.most}")
     total = sum(weights.values())
     if total != weighting.total:
-        raise ValueError(f"the weights add up to {total}; allowed: {weighting.total}")
+        raise ValueError(f"the sum of the weights is {total}; allowed: {weighting.total}")
 
 
 def _combine(scale: Scale, counts: Sequence[float]) -> float:

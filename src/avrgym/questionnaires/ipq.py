@@ -1,4 +1,4 @@
-"""igroup Presence Questionnaire (IPQ): the sense of being in the virtual room."""
+"""igroup Presence Questionnaire (IPQ): sense of presence in a virtual environment."""
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
 

@@ -38,7 +38,10 @@ def _pair_id(first: str, second: str) -> str:
 
 
 def _weight(factor: str) -> Scale:
-    """The number of pairs in which a factor was chosen. Items in which it is the first are reversed."""
+    """The weight of a factor: the number of pairs in which it was chosen.
+
+    Pairs with it as first factor are reversed.
+    """
     own = [pair for pair in PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
     return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed=tuple(as_first))

@@ -1,4 +1,4 @@
-"""Items that participants rate, questionnaires of items, and valid answers."""
+"""Items and questionnaires that participants answer, and validation of answers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -18,7 +18,10 @@ MAX_POINTS = 101
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One statement, rated from 1 (``low``) to ``points`` (``high``). ``labels`` replace the numbers on screen."""
+    """A statement that is rated from 1 (``low``) to ``points`` (``high``).
+
+    The screen shows ``labels`` instead of numbers.
+    """
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
@@ -29,7 +32,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
 
 def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
-    """Returns the items in the language of ``texts``."""
+    """Translate items into the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
             item,
@@ -43,10 +46,9 @@ def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Items that belong together. ``when``: one or several of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
+    """A group of items. ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
 
-    ``use``: name of a validated questionnaire, which defines the items and the scores. ``weights``: for scores with
-    weights.
+    ``use``: name of a validated questionnaire, which defines items and scores. ``weights``: weights of weighted scores.
     """
 
     name: str
@@ -58,25 +60,26 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def instrument(self) -> Instrument | None:
-        """The validated questionnaire in use, if there is one."""
+        """The validated questionnaire in ``use``; ``None`` for the study's own items."""
         return INSTRUMENTS[self.use] if self.use else None
 
     @property
     def moments(self) -> tuple[str, ...]:
-        """The moments of its items."""
+        """The moments at which the items are shown."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> Response:
-        """The scale of an item: that of the validated questionnaire, else integer labels, else 1 to ``points``.
+        """The response scale of an item.
 
-        Stored answers are numbered from 1. Tables, figures and exports use the values of this scale.
+        It is the scale of the validated questionnaire, the scale of integer labels, or 1 to ``points``. Stored answers
+        are numbered from 1; tables, figures and exports contain values of this scale.
         """
         if self.instrument is not None:
             return self.instrument.response
         return _numbered(item.labels) or Response(item.points, lowest=1)
 
     def describe_scale(self, item: Item) -> str:
-        """The scale of an item as text, with the labels at its ends or of every answer."""
+        """The response scale of an item as text, with its labels."""
         scale = self.scale_of(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):
             return ", ".join(
@@ -87,7 +90,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _numbered(labels: Sequence[str]) -> Response | None:
-    """The scale of labels that are equally spaced, increasing integers; ``None`` for others."""
+    """The response scale of labels that are equally spaced, increasing integers; ``None`` for other labels."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
@@ -109,7 +112,7 @@ LIKERT_ITEMS = (
 
 
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
-    """The items of a moment in the order of presentation. The same seed gives the same order."""
+    """The items of a moment in the order of presentation. The same seed results in the same order."""
     rng = random_streams.item_order(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:
@@ -121,10 +124,10 @@ def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: in
 
 
 def validate_answer(items: Sequence[Item], item_id: str, value: int) -> None:
-    """Raise ``ValueError``, naming the allowed values, unless ``value`` is a valid answer to one of the items."""
+    """Raise ``ValueError`` if ``value`` is not an allowed answer to an item in ``items``."""
     by_id = {item.id: item for item in items}
     if item_id not in by_id:
         raise ValueError(f"no item {item_id!r}; allowed: {', '.join(by_id)}")
     points = by_id[item_id].points
     if type(value) is not int or not 1 <= value <= points:
-        raise ValueError(f"{value!r} is no answer to {item_id}; allowed: whole numbers from 1 to {points}")
+        raise ValueError(f"{value!r} is not an answer to {item_id}; allowed: integers from 1 to {points}")

@@ -1,4 +1,4 @@
-"""The validated questionnaires by name, as ``use`` in ``study.toml`` names them."""
+"""The validated questionnaires by their names in ``study.toml``."""
 
 from collections.abc import Mapping
 

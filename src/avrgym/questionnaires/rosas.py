@@ -1,4 +1,4 @@
-"""Robotic Social Attributes Scale (RoSAS): warmth, competence and discomfort of a robot."""
+"""Robotic Social Attributes Scale (RoSAS): perceived warmth, competence and discomfort."""
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
 

@@ -1,4 +1,4 @@
-"""Stop rules: a session pauses or ends at certain answers, for example on sickness."""
+"""Stop rules: certain answers, for example about sickness, pause or end the session."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,13 +8,13 @@ import msgspec
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 
 THEN = ("pause", "end")
-"""The possible actions, the strongest last."""
+"""Allowed actions, the strongest last."""
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The session does ``then`` (one of ``THEN``) at an answer to ``item`` with a value of ``at_least`` or more.
+    """The session does ``then`` (one of ``THEN``) if the answer to ``item`` has a value of ``at_least`` or more.
 
-    The values are those of the validated questionnaire, or 1 to ``points`` for the study's own items.
+    Values are those of the validated questionnaire; for the study's own items, 1 to ``points``.
     """
 
     item: str
@@ -23,7 +23,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopDecision(NamedTuple):
-    """The action of the session (one of ``THEN``), and the reason as text for the experimenter."""
+    """The action of the session (one of ``THEN``), and the reason for the experimenter."""
 
     then: str
     why: str
@@ -31,13 +31,13 @@ class StopDecision(NamedTuple):
 
 @dataclass(frozen=True)
 class StopRules:
-    """Stop rules with the questionnaires of their items."""
+    """Stop rules, and the questionnaires that contain their items."""
 
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
     def decide(self, item_id: str, value: int) -> StopDecision | None:
-        """Returns the strongest action of all rules that an answer meets; ``None`` if it meets none."""
+        """The strongest action that an answer triggers; ``None`` if it triggers none."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
@@ -50,12 +50,12 @@ class StopRules:
         )
 
     def value_range(self, item: str) -> tuple[float, float]:
-        """The lowest and the highest value of an answer to an item."""
+        """The lowest and the highest value of an item's response scale."""
         questionnaire, found = self.find(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
 
     def find(self, item: str) -> tuple[Questionnaire, Item]:
-        """Returns an item and its questionnaire; ``KeyError`` for an unknown item."""
+        """An item and its questionnaire. Raises ``KeyError`` for an unknown item."""
         for questionnaire in self.questionnaires:
             for each in questionnaire.items:
                 if each.id == item:

@@ -1,4 +1,4 @@
-"""Answers that were given after the recording was closed: a file of JSON lines next to the recording."""
+"""Answers after the end of a recording: a JSON Lines file next to the recording."""
 
 import os
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ SUFFIX = ".answers.jsonl"
 
 
 class StoredAnswer(msgspec.Struct, frozen=True):
-    """One answer with its time, ISO 8601 in UTC."""
+    """One answer with its time stamp (ISO 8601, UTC)."""
 
     item: str
     value: int
@@ -21,12 +21,12 @@ class StoredAnswer(msgspec.Struct, frozen=True):
 
 
 def answers_path(recording: str | os.PathLike[str]) -> Path:
-    """The path of a recording's file of answers, which may not exist."""
+    """Path of a recording's answers file; the file exists only if there were such answers."""
     return Path(recording).with_suffix(SUFFIX)
 
 
 def append_answer(recording: Path, answer: Answer) -> None:
-    """Append an answer and wait until it is on disk; ``OSError`` if it cannot be written."""
+    """Append an answer and sync it to disk. Raises ``OSError`` if the file cannot be written."""
     at = datetime.now(UTC).isoformat(timespec="microseconds")
     stored = StoredAnswer(answer.item, answer.value, answer.response_time_s, at)
     with open(os.open(answers_path(recording), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
@@ -36,12 +36,12 @@ def append_answer(recording: Path, answer: Answer) -> None:
 
 
 def read_answers(recording: str | os.PathLike[str]) -> list[Answer]:
-    """The answers in order; an incomplete last line is left out."""
+    """All answers in order. An incomplete last line is ignored."""
     return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
 
 
 def answer_times(recording: str | os.PathLike[str]) -> dict[str, str]:
-    """The time of the latest answer to each item, ISO 8601 in UTC."""
+    """Time stamp (ISO 8601, UTC) of the latest answer to each item."""
     return {each.item: each.answered_at for each in _lines(recording)}
 
 

@@ -1,4 +1,4 @@
-"""The configuration of a trial, which begins its recording: everything that the trial was run with."""
+"""The configuration of a trial: the first record of its recording, from which replay recomputes the trial."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ class BodyModel(msgspec.Struct, frozen=True):
 
 
 class Versions(msgspec.Struct, frozen=True):
-    """The software versions that the recorded numbers depend on."""
+    """Software versions that affect the recorded numbers."""
 
     avrgym: str
     mujoco: str
@@ -39,7 +39,7 @@ class Versions(msgspec.Struct, frozen=True):
 
 
 class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The participant's consent. Fields that the study did not store are ``None``."""
+    """The participant's consent. A field is ``None`` if the study did not store it."""
 
     at: Annotated[str, Meta(description="ISO 8601, UTC.")]
     version: str | None = None
@@ -85,9 +85,9 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
 
 
 class Configuration(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a trial was run with. With it, replay recomputes the trial without random numbers.
+    """All parameters of a trial. With them, replay recomputes the trial without random numbers.
 
-    Recordings of AVR Gym 0.2 lack the fields that have a default here.
+    Fields with a default are missing in recordings of AVR Gym 0.2.
     """
 
     format_version: Annotated[int, Meta(description="Version of this table.")] = FORMAT_VERSION
@@ -137,15 +137,15 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def start_person(self) -> Person:
-        """The person at the start of the episode; ``ValueError`` for values that the model does not allow."""
+        """The person at the start of the episode. Raises ``ValueError`` for values outside the model's limits."""
         return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
 
 
 def from_metadata(values: Mapping[str, Any]) -> Configuration:
-    """The configuration from a metadata record.
+    """Read the configuration from a metadata record.
 
     Raises:
-        ValueError: for missing or invalid fields, or a format newer than this release.
+        ValueError: for missing or invalid fields, or for a newer format version.
     """
     version = values.get("format_version", FORMAT_VERSION)
     if isinstance(version, int) and version > FORMAT_VERSION:

@@ -1,4 +1,4 @@
-"""Read the recording of a trial, up to where a crash may have ended it."""
+"""Read the recording of a trial, complete or truncated by a crash."""
 
 import os
 from collections.abc import Iterable
@@ -17,18 +17,18 @@ from avrgym.recording.configuration import Configuration, from_metadata
 from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
 CONFIGURATION, ORIGIN = "configuration", "origin"
-"""The metadata records at the beginning; ``origin`` is the date and time."""
+"""Metadata records at the beginning; ``origin`` contains date and time."""
 OUTCOME, ROBOT_FINISHED = "outcome", "robot_finished"
-"""The metadata records at the end of the trial and at the end of its last control step."""
-_NO_RECORDING = "not a recording, or cut off before the end of its header"
+"""Metadata records at the end of the trial, and at the end of its last control step."""
+_NO_RECORDING = "not a recording, or truncated before the end of its header"
 
 
 class RecordingError(Exception):
-    """A recording that cannot be written completely, or a file that is not a recording."""
+    """The recording cannot be written completely, or the file is not a recording."""
 
 
 class Header(NamedTuple):
-    """The beginning of a recording."""
+    """Configuration and start time of a recording."""
 
     configuration: Configuration
     began_at: datetime
@@ -36,10 +36,10 @@ class Header(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """The contents of a recording: its messages (topic, log_time_ns, record) in the order of writing.
+    """Contents of a recording: its messages (topic, log_time_ns, record) in the order in which they were written.
 
-    ``complete``: the trial has an outcome and no data are missing. ``began_at``: start of the trial, UTC.
-    ``robot_finished``: the outcome at the end of the last control step, if the robot took all of them.
+    ``complete``: the trial has an outcome, and no data are missing. ``began_at``: start of the trial, UTC.
+    ``robot_finished``: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
 
     configuration: Configuration
@@ -51,24 +51,24 @@ class Recording:
 
     @property
     def result(self) -> AttemptEnd | None:
-        """How the attempt ended; ``None`` if the recording breaks off."""
+        """How the attempt ended; ``None`` if the recording is truncated."""
         return None if self.outcome is None else self.outcome.result
 
     @property
     def metrics(self) -> Metrics:
-        """The results of the attempt, as far as the recording contains them."""
+        """The metrics of the attempt; unknown metrics are ``None``."""
         if self.outcome is None:
             return Metrics()
         return Metrics(**{name: getattr(self.outcome, name) for name in Metrics.__struct_fields__})
 
     @property
     def duration_s(self) -> float:
-        """The time of the last message."""
+        """Time of the last message, in seconds from the start of the trial."""
         return max((time_ns for _, time_ns, _ in self.messages), default=0) / 1e9
 
     @cached_property
     def topics(self) -> dict[str, list[tuple[int, Any]]]:
-        """The messages (log_time_ns, record) of each topic."""
+        """Messages (log_time_ns, record) by topic."""
         topics: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
         for topic, log_time_ns, record in self.messages:
             topics[topic].append((log_time_ns, record))
@@ -76,9 +76,9 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording up to where a crash or damage may have ended it.
+    """Read a recording up to its end or to the first damage.
 
-    Answers given after its end (see ``answers_file``) are appended at the time of the last message.
+    Later answers (see ``answers_file``) are appended at the time of the last message.
 
     Raises:
         RecordingError: without a valid header.
@@ -101,7 +101,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def read_header(path: str | os.PathLike[str]) -> Header:
-    """Read only the beginning of a recording; ``RecordingError`` if it is missing or invalid."""
+    """Read configuration and start time. Raises ``RecordingError`` if the header is missing or invalid."""
     with open(path, "rb") as file:
         try:
             return _header(path, StreamReader(file, emit_chunks=True).records)
@@ -127,9 +127,9 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
 
 
 def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
-    """The records before the first damage, whether there is none, and the offset after the last data record.
+    """The records before the first damage, whether the file is undamaged, and the offset after the last data record.
 
-    Messages are in chunks with checksums. A message outside of a chunk is therefore a damaged record of another kind.
+    Messages are in chunks with checksums. A message outside a chunk is therefore another, damaged record.
     """
     records: list[mcap_records.McapRecord] = []
     end_of_data, ended = 0, False
@@ -172,7 +172,10 @@ def _outcome(values: dict[str, Any] | None) -> Outcome | None:
 def _messages(
     path: str | os.PathLike[str], records: list[mcap_records.McapRecord]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
-    """The messages before the first gap in their sequence numbers, and whether there is no gap; 0 is no number."""
+    """The messages before the first gap in the sequence numbers, and whether there is no gap.
+
+    Messages with sequence number 0 are not numbered.
+    """
     names: dict[int, str] = {}
     messages: list[tuple[str, int, Any]] = []
     for record in records:

@@ -1,7 +1,7 @@
-"""The schema of a recording: one struct for each topic, written as JSON.
+"""Schema of a recording: the JSON records of each topic.
 
 JSON preserves every bit of finite numbers. Other numbers are the strings ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``.
-The configuration of the trial is in ``configuration``.
+The module ``configuration`` contains the trial's configuration.
 """
 
 import math
@@ -13,24 +13,24 @@ from avrgym.questionnaires.questionnaire import MAX_POINTS
 from avrgym.system.type_guards import is_array, is_table
 
 MOST_FRAMES, LONGEST_MS = 256, 60_000
-"""Limits of one record of latencies."""
+"""Limits of one latency record: number of frames, and milliseconds."""
 
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Base of all records. Times count from the start of the trial unless noted."""
+    """Base class of all records. Times are in seconds from the start of the trial unless noted."""
 
 
 class Pose(Record, frozen=True):
-    """A pose in WebXR's ``local-floor`` space: position in metres (y up), orientation x, y, z, w."""
+    """A pose in WebXR's ``local-floor`` space: position in metres (y up), orientation as quaternion x, y, z, w."""
 
     position: list[float]
     orientation: list[float]
 
 
 class Physics(Record, frozen=True):
-    """The simulated world after a physics step: the simulator's full integration state.
+    """The simulator's full integration state after a physics step.
 
-    ``step`` counts the trial's finished control steps; ``simulation_time_s`` is the world's own time.
+    ``step``: number of finished control steps. ``simulation_time_s``: time of the simulated world.
     """
 
     step: int
@@ -39,14 +39,13 @@ class Physics(Record, frozen=True):
 
 
 class TrackingFrame(Record, frozen=True):
-    """One XR frame as received; a pose that was not tracked is ``None``.
+    """One XR frame as received. A pose without tracking is ``None``.
 
-    ``applied``: the frame moved the person; otherwise a newer frame replaced it.
-    ``held``: the frame was stale or invalid, and the person stayed in the last pose.
-    ``held_parts``: parts (``head``, ``left``, ``right``) that the frame did not move: their poses had jumped, or were
-    stale and the task needs the part. ``untracked_parts``: parts with stale poses, missing or unchanged for 0.2 s.
-    ``left_modality``, ``right_modality``: the tracked device of a hand: ``controller``, bare ``hand`` (pose of the
-    wrist), ``mouse`` without a headset, or ``none``.
+    ``applied``: the frame moved the person; otherwise a newer frame replaced it. ``held``: the frame was stale or
+    invalid, and the person did not move. ``held_parts``: parts (``head``, ``left``, ``right``) that the frame did not
+    move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with poses that
+    are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked: ``controller``,
+    ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
     """
 
     sequence: int
@@ -64,20 +63,20 @@ class TrackingFrame(Record, frozen=True):
 
 
 class BodyTargets(Record, frozen=True):
-    """The joint targets of the person's body from the next physics step on; recorded on change.
+    """Joint targets of the person's body from the next physics step on; recorded when they change.
 
-    Radians, in the order of ``joints`` of the configuration.
+    In radians, in the order of the configuration's ``joints``.
     """
 
     joint_targets: list[float]
 
 
 class Command(Record, frozen=True):
-    """The command to the robot at the start of control step ``step``. An interrupted step has only this record.
+    """The robot's command at the start of control step ``step``. An interrupted step has no ``Control`` record.
 
-    A slow driver or a human operator may change the command during the step. In the phase ``retreat``, which has no
-    control steps, these are the commands of the motion away from the person. ``brakes``: the action is zero, and the
-    brakes hold the robot.
+    A slow driver or a human operator may change the command during the step. The phase ``retreat`` has no control
+    steps; there, the commands move the robot away from the person. ``brakes``: the action is zero, and the brakes are
+    on.
     """
 
     step: int
@@ -86,18 +85,18 @@ class Command(Record, frozen=True):
 
 
 class Placement(Record, frozen=True):
-    """A new pose of the simulated world in ``local-floor``, after the participant has moved on the seat.
+    """A new pose of the simulated world in ``local-floor``, after the participant moved on the seat.
 
-    The pose at the start is ``xr_from_world`` of the configuration.
+    The configuration's ``xr_from_world`` is the pose at the start.
     """
 
     xr_from_world: Pose
 
 
 class Control(Record, frozen=True):
-    """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum.
+    """One control step of the robot. ``reward`` is the weighted sum of ``reward_terms``, which are not weighted.
 
-    ``driver``: name of the policy, or ``operator``. ``idle``: the robot stood still at the end of the step, because
+    ``driver``: name of the policy, or ``operator``. ``idle``: the robot did not move at the end of the step, because
     the operator gave no command, the controller failed, or tracking was stale.
     """
 
@@ -121,7 +120,7 @@ class Event(Record, frozen=True):
 
 
 class Answer(Record, frozen=True):
-    """The answer to one item of the questionnaire, and the time from the item's appearance to the answer."""
+    """The answer to one item. ``response_time_s``: time from the item's appearance to the answer."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
     value: Annotated[int, msgspec.Meta(ge=1, le=MAX_POINTS)]
@@ -135,12 +134,12 @@ _Milliseconds = Annotated[
 
 
 class Latency(Record, frozen=True):
-    """The latency of tracking frames from pose to picture by stage, in milliseconds: one entry for each frame.
+    """Latency of tracking frames from pose to picture by stage, in milliseconds. Each list has an entry for each frame.
 
-    ``sequence``: the frames, each the newest in its state. ``sample_ms``: from the pose to sending; ``up_ms``: to
-    arrival at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state; ``down_ms``:
-    to arrival at the client; ``draw_ms``: to the picture. Clocks are aligned: the fastest messages take equal times in
-    both directions.
+    ``sequence``: the frames, each the newest in its state. ``sample_ms``: from pose to sending; ``up_ms``: to arrival
+    at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state; ``down_ms``: to
+    arrival at the client; ``draw_ms``: to the picture. The clocks of client and server are synchronised: the fastest
+    messages are assumed to take equal times in both directions.
     """
 
     sequence: _Numbers
@@ -153,11 +152,11 @@ class Latency(Record, frozen=True):
 
 
 class Stream(Record, frozen=True):
-    """A stream of another device, written before its first samples.
+    """A stream of another device; recorded before its first samples.
 
-    ``stream``: name in the study. ``source``: name of the device. ``kind``: type of the measurement according to the
-    device, for example ``EEG``. ``rate_hz``: nominal rate, 0 for irregular samples. Channel names and units are empty
-    if the device reports none.
+    ``stream``: name in the study. ``source``: name of the device. ``kind``: type of measurement as the device reports
+    it, for example ``EEG``. ``rate_hz``: nominal sample rate, 0 for irregular samples. Channel names and units are
+    empty if the device reports none.
     """
 
     stream: str
@@ -169,9 +168,9 @@ class Stream(Record, frozen=True):
 
 
 class StreamSamples(Record, frozen=True):
-    """Samples of a stream in the order of arrival, in ``values`` for numbers or ``texts``.
+    """Samples of a stream in the order of arrival: numbers in ``values``, or text in ``texts``.
 
-    ``time_s``: time of each sample. ``offset_s``: clock difference that was added to the device's times.
+    ``time_s``: time of each sample. ``offset_s``: clock offset that was added to the device's times.
     """
 
     stream: str
@@ -198,15 +197,15 @@ TOPICS: dict[str, type[Record]] = {
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""How an attempt ended. Only ``completed`` counts: the robot has finished and the recording is complete."""
+"""End of an attempt. Only ``completed`` attempts count: the robot finished, and the recording is complete."""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 
 class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The results of an attempt; ``None`` if a result is not known.
+    """Metrics of an attempt; ``None`` if unknown.
 
-    ``steps``: number of control steps. ``reward``: sum over them. ``success``: whether the robot has succeeded.
-    ``seconds``: duration of the attempt, with free movement and questions.
+    ``steps``: number of control steps. ``reward``: sum over these steps. ``success``: whether the robot succeeded.
+    ``seconds``: duration of the attempt, including free movement and questions.
     """
 
     steps: int | None = None
@@ -216,9 +215,9 @@ class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Outcome(Metrics, frozen=True, kw_only=True):
-    """The end and the results of an attempt.
+    """End and metrics of an attempt.
 
-    ``cut_off``: the program was killed after the robot had finished, and the recording was completed later.
+    ``cut_off``: the program was killed after the robot finished, and the recording was completed later.
     """
 
     result: AttemptEnd
@@ -230,7 +229,7 @@ _decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.v
 
 
 def encode(value: Any) -> bytes:
-    """Encodes a record, or any plain value, as JSON."""
+    """Encode a record or another plain value as JSON."""
     data = _encoder.encode(value)
     if b"null" in data:
         data = _encoder.encode(_spell_out(msgspec.to_builtins(value)))
@@ -238,12 +237,12 @@ def encode(value: Any) -> bytes:
 
 
 def decode(topic: str, data: bytes) -> Any:
-    """Decodes a record of a topic; raises ``msgspec.DecodeError`` for invalid data."""
+    """Decode a record of ``topic``. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decoders[TOPICS[topic]].decode(data)
 
 
 def json_schema(topic: str) -> bytes:
-    """The JSON Schema of a topic's records, without references: viewers of recordings do not resolve them."""
+    """JSON Schema of a topic's records, without references, because MCAP viewers do not resolve references."""
     (reference,), definitions = msgspec.json.schema_components((TOPICS[topic],))
     return _encoder.encode(_resolve(reference, definitions))
 

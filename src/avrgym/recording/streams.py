@@ -1,7 +1,7 @@
-"""The samples of other devices' streams in a recording: when each was taken, and how regular they are.
+"""Sample times of other devices' streams: correction of clock resets, gaps and jitter.
 
-A stream's clock may jump (a reset). Times after a reset are corrected; corrected times never decrease. A gap
-separates samples and their arrivals alike. At a reset, the delay between a sample and its arrival on the session's
+A device's clock can jump (clock reset). Times after a reset are corrected; corrected times never decrease. At a gap,
+both the samples and their arrivals are interrupted. At a reset, the delay from sample to arrival on the session's
 clock changes by the jump.
 """
 
@@ -17,24 +17,24 @@ from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.system.columns import Column
 
 GAP_INTERVALS = 5.0
-"""A longer distance between samples of a regular stream is a gap; in sample intervals."""
+"""A gap in a regular stream is longer than this number of sample intervals."""
 MAX_LEAD_S, MAX_STEP_BACK_S = 0.25, 0.05
-"""Smaller jumps ahead are gaps, smaller steps back are jitter."""
+"""Smaller forward steps are gaps; smaller backward steps are jitter."""
 MAX_DELAY_S = 60.0
-"""Largest plausible age of a sample at arrival: the buffer of Lab Streaming Layer."""
+"""Largest plausible delay from sample to arrival: the buffer length of Lab Streaming Layer."""
 MIN_SAMPLES = 10
-"""Smallest number of samples for a measure of jitter."""
+"""Minimum number of samples for jitter."""
 
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
 Chunks = Sequence[tuple[int, StreamSamples]]
-"""The samples of one stream with the time of their arrival, in nanoseconds on the session's clock."""
+"""The samples of one stream with their arrival times, in nanoseconds on the session's clock."""
 
 
 @dataclass(frozen=True)
 class ClockReset:
-    """A jump of a stream's clock: ``time_s`` is the corrected time of the first sample after it.
+    """A jump of a device's clock. ``time_s``: corrected time of the first sample after the jump.
 
-    ``jump_s`` is positive if the clock jumped forward.
+    ``jump_s``: size of the jump; positive if the clock jumped forward.
     """
 
     time_s: float
@@ -43,9 +43,9 @@ class ClockReset:
 
 @dataclass(frozen=True, eq=False)
 class SampleTimes:
-    """The times (n,) of a stream's samples in seconds, which never decrease.
+    """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``raised``: number of samples whose time was raised to that of the sample before, because of jitter.
+    ``raised``: number of samples with a time that was raised to that of the previous sample, because of jitter.
     """
 
     time_s: FloatArray
@@ -55,7 +55,7 @@ class SampleTimes:
 
 @dataclass(frozen=True)
 class _Segment:
-    """Samples ``first`` to ``end`` without a reset; ``delay_s`` is the smallest delay from sample to arrival."""
+    """Samples ``first`` to ``end`` without a clock reset. ``delay_s``: smallest delay from sample to arrival."""
 
     first: int
     end: int
@@ -63,11 +63,11 @@ class _Segment:
 
 
 def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
-    """Correct the times of a stream's samples.
+    """Correct the sample times of a stream for clock resets.
 
     Args:
-        chunks: all of its samples in the order of arrival.
-        rate_hz: nominal rate; 0 for irregular samples.
+        chunks: all samples of the stream in the order of arrival.
+        rate_hz: nominal sample rate; 0 for irregular samples.
     """
     given = np.concatenate([np.empty(0), *(np.array(chunk.time_s, float) for _, chunk in chunks)])
     arrived = np.repeat([time_ns / 1e9 for time_ns, _ in chunks], [len(chunk.time_s) for _, chunk in chunks])
@@ -91,7 +91,7 @@ def _is_plausible(segment: _Segment) -> bool:
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
-    """The samples between resets of the clock."""
+    """Split the samples at clock resets."""
     steps_s = np.diff(given)
     breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_STEP_BACK_S)) + 1
     ends = [*breaks.tolist(), len(given)]
@@ -107,9 +107,9 @@ def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_S
 
 
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
-    """Whether the clock jumped where the smallest delay changes from ``before_s`` to ``after_s``.
+    """Whether a clock reset explains that the smallest delay changes from ``before_s`` to ``after_s``.
 
-    A late sample looks like a jump forward. For irregular samples, only a sample from the future proves a jump.
+    A late sample looks like a forward jump. For irregular samples, only a sample from the future proves a reset.
     """
     if step_s < -MAX_STEP_BACK_S:
         return True
@@ -117,14 +117,17 @@ def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) ->
 
 
 def _gap_s(rate_hz: float) -> float:
-    """The smallest step between samples that may be a jump forward."""
+    """The smallest time step that may be a forward jump, in seconds."""
     return max(GAP_INTERVALS / rate_hz, MAX_LEAD_S) if rate_hz > 0.0 else MAX_LEAD_S
 
 
 def _clock_lead_s(
     segment: _Segment, given: FloatArray, corrected: FloatArray, normal_delay_s: float, rate_hz: float
 ) -> float:
-    """The lead of the clock in a segment: from arrivals, or exactly if a regular stream continues at its rate."""
+    """Clock offset of a segment in seconds; positive if the device's clock is ahead.
+
+    It is estimated from arrival times, or exactly from the sample rate if a regular stream continues.
+    """
     by_arrival_s = normal_delay_s - segment.delay_s
     if not segment.first:
         return 0.0 if _is_plausible(segment) else by_arrival_s
@@ -138,7 +141,7 @@ _UNEVEN = "irregular samples, or too few"
 
 @dataclass(frozen=True)
 class StreamQuality:
-    """Timing of the samples of a stream in one trial, by times that are corrected for jumps of the device's clock."""
+    """Sample timing of a stream in one trial, after correction of clock resets."""
 
     stream: Annotated[str, Column("Name of the stream in the study.")]
     kind: Annotated[str, Column("Kind of measurement, as the device reports it.")]
@@ -162,18 +165,18 @@ def streams_by_name(topics: Topics) -> dict[str, Stream]:
 
 
 def stream_chunks(topics: Topics, stream: str) -> Chunks:
-    """The samples of a stream, with their times of arrival."""
+    """All samples of a stream, with their arrival times."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
 
 def times_of(topics: Topics, stream: str) -> SampleTimes:
-    """The times of a stream's samples, corrected for clock resets."""
+    """Sample times of a stream, corrected for clock resets."""
     described = streams_by_name(topics).get(stream)
     return sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
 
 
 def stream_quality(topics: Topics) -> list[StreamQuality]:
-    """The timing quality of each stream of a recording, in the order of names."""
+    """Timing quality of each stream in a recording, in alphabetical order."""
     return [
         _quality(stream, stream_chunks(topics, name), times_of(topics, name))
         for name, stream in sorted(streams_by_name(topics).items())
@@ -201,7 +204,10 @@ def _quality(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQualit
 
 
 def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
-    """The standard deviation from a straight line through each segment without gaps, and the number of gaps."""
+    """Jitter and number of gaps.
+
+    Jitter is the standard deviation from a straight line through each segment without gaps.
+    """
     if rate_hz <= 0.0 or len(times) < MIN_SAMPLES:
         return None, None
     breaks = np.flatnonzero(np.diff(times) > GAP_INTERVALS / rate_hz) + 1

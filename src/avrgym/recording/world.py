@@ -28,9 +28,9 @@ def recorded_world(configuration: Configuration, *, by_region: bool = False) -> 
         )
         episodes.reset_to_start(configuration.start)
     except KeyError as error:
-        raise ValueError(f"its start lacks {error}") from error
+        raise ValueError(f"its initial state lacks {error}") from error
     except (TypeError, ValueError) as error:
-        raise ValueError(f"its world cannot be made: {error}") from error
+        raise ValueError(f"the recorded world cannot be created: {error}") from error
     return episodes
 
 

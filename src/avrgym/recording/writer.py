@@ -1,4 +1,4 @@
-"""Write the recording of a trial: an MCAP file that grows while the trial runs and survives a crash."""
+"""Write the recording of a trial as an MCAP file that survives a crash."""
 
 import os
 import threading
@@ -37,14 +37,14 @@ CLOSE_TIMEOUT_S = 10.0
 
 
 class RecordingWriter:
-    """Writes one trial's recording in its own thread; the caller never waits for the disk.
+    """Write one trial's recording in a separate thread; the caller never waits for the disk.
 
-    Data reach the file within half a second. ``error`` reports a failing disk within a second; the file is then never
-    marked complete.
+    Data reach the file within half a second. ``error`` reports a disk failure within a second; the file is then never
+    marked as complete.
 
     Args:
-        path: The new file; an existing one raises ``FileExistsError``.
-        configuration: Everything that the trial is run with.
+        path: the new file. ``FileExistsError`` if it exists.
+        configuration: all parameters of the trial.
     """
 
     def __init__(self, path: str | os.PathLike[str], configuration: Configuration):
@@ -61,22 +61,25 @@ class RecordingWriter:
 
     @property
     def error(self) -> Exception | None:
-        """The error that prevents a complete recording, or ``None``. Only a ``TimeoutError`` can pass."""
+        """The error that prevents a complete recording, or ``None``.
+
+        A ``TimeoutError`` may end, other errors are final.
+        """
         silent_s = time.monotonic() - self._alive_at
         if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
-            return TimeoutError(f"{self.path}: the disk has taken no data for {silent_s:.1f} s")
+            return TimeoutError(f"{self.path}: the disk has accepted no data for {silent_s:.1f} s")
         return self._failure
 
     def write(self, topic: str, log_time_ns: int, record: Record) -> None:
-        """Queue one record without waiting; ``log_time_ns`` is on the trial's monotonic clock.
+        """Queue one record without waiting. ``log_time_ns`` is on the trial's monotonic clock.
 
-        Do not change the record afterwards. After a disk failure this does nothing.
+        The record must not be changed afterwards. After a disk failure, the record is dropped.
         """
         if type(record) is not TOPICS.get(topic):
             allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
             raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
         if self._disk.closed:
-            raise RecordingError(f"{self.path}: is closed and takes no record for {topic}")
+            raise RecordingError(f"{self.path}: is closed; a record for {topic} cannot be written")
         if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
             self._failure = RecordingError(f"{self.path}: a record was lost: the disk is too slow")
         if self._failure is None:
@@ -90,24 +93,27 @@ class RecordingWriter:
         self._queue.put(outcome)
 
     def wait_for_writes(self) -> None:
-        """Wait until the queue is short, for callers faster than real time. Returns on a disk error."""
+        """Wait until the queue is short, for callers faster than real time.
+
+        Returns immediately after a disk failure.
+        """
         while self._queue.qsize() > FEW_MESSAGES and self.error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:
-        """Write the queue and end the file. With an outcome, and all data on disk, mark it complete.
+        """Write the queue and end the file. With an outcome, mark the file as complete.
 
-        Closing a closed writer does nothing.
+        Closing a closed writer has no effect.
 
         Raises:
-            RecordingError: with an outcome, if the file could not be completed.
+            RecordingError: if there is an outcome, but the file could not be completed.
         """
         if self._disk.closed:
             return
         self._queue.put(None)
         self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive():
-            raise RecordingError(f"{self.path}: not complete: the disk takes no data")
+            raise RecordingError(f"{self.path}: not complete: the disk does not accept data")
         if outcome is not None and self._failure is None:
             self._attempt(lambda: self._complete(outcome))
         self._disk.close()
@@ -183,7 +189,7 @@ class RecordingWriter:
 
 
 class _Disk:
-    """A new file without a buffer: a failed write is not repeated."""
+    """A new unbuffered file: a failed write is not repeated."""
 
     def __init__(self, path: Path):
         self._file = FileIO(path, "x", opener=private_opener)
@@ -198,7 +204,7 @@ class _Disk:
             rest = rest[self._file.write(rest) :]
 
     def flush(self) -> None:
-        """Does nothing: there is no buffer."""
+        """No effect, because the file is unbuffered."""
 
     def tell(self) -> int:
         return self._file.tell()
@@ -215,9 +221,9 @@ class _Disk:
 
 
 def end_cut_recording(path: str | os.PathLike[str]) -> None:
-    """Complete a recording that was cut off after the robot had finished; leave any other unchanged.
+    """Complete a recording that was truncated after the robot finished. Other recordings are not changed.
 
-    The end replaces unreadable data. No writer may be open.
+    The new end replaces unreadable data. The file must have no open writer.
     """
     recording = read_recording(path)
     if recording.complete or recording.robot_finished is None:

@@ -3,9 +3,9 @@
 The MCAP file contains the recording's messages and Foxglove's schemas
 (https://docs.foxglove.dev/docs/visualization/message-schemas) as protocol buffers:
 
-- ``/tf``: poses of all bodies at the client's rate, without bodies that have not moved;
+- ``/tf``: poses of bodies that moved, at the client's rate;
 - ``/scene``: triangle meshes of the bodies, for Foxglove;
-- ``/surfaces/BODY``: the same as points, for Rerun, which does not show these meshes;
+- ``/surfaces/BODY``: the surfaces of a body as points, for Rerun, which does not show these meshes;
 - ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: tracked poses in the headset's space;
 - ``/log``: phases, events and answers as text.
 
@@ -49,25 +49,25 @@ from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
 
 WORLD, TRACKING = "world", "local_floor"
-"""The frames: of the simulated world (z up), and of tracked poses (y up)."""
+"""Names of coordinate frames: the simulated world (z up), and the tracked poses (y up)."""
 TRACKED = ("head", "left", "right")
 POINTS = 40_000
-"""Number of points on all surfaces together."""
+"""Total number of points on all surfaces."""
 FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
-"""Byte offsets of the fields of a point."""
+"""Byte offset of each field of a point."""
 POINT_BYTES = 16
 
 
 def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]) -> None:
-    """Write a trial into a new file.
+    """Write a recorded trial to a new file for Foxglove and Rerun.
 
     Args:
-        recording: of the trial.
+        recording: the recording of the trial.
         out: a new file that ends in .mcap.
         progress: called after each recorded state.
 
     Raises:
-        ValueError: for another suffix, or a recording that cannot be recomputed.
+        ValueError: for another suffix, or for a recording that cannot be recomputed.
         FileExistsError: if the file exists.
     """
     check_new(out, (".mcap",))
@@ -100,7 +100,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
 
 
 class _Log:
-    """An open MCAP file. Times are seconds from the start of the trial."""
+    """An open MCAP file. Times are in seconds from the start of the trial."""
 
     def __init__(self, data: io.BytesIO, began_ns: int, described: dict[str, str]) -> None:
         self._began_ns = began_ns
@@ -111,20 +111,20 @@ class _Log:
         self._schemas: dict[str, int] = {}
 
     def timestamp(self, time_s: float) -> Timestamp:
-        """The UTC time of a time in the trial."""
+        """UTC time stamp of a time in the trial."""
         stamp = Timestamp()
         stamp.FromNanoseconds(self._at_ns(time_s))
         return stamp
 
     def write(self, topic: str, time_s: float, message: Any) -> None:
-        """Write a message of one of Foxglove's schemas."""
+        """Write a message with one of Foxglove's schemas."""
         name = message.DESCRIPTOR.full_name
         if name not in self._schemas:
             self._schemas[name] = register_schema(self._mcap, type(message))
         self._add(topic, "protobuf", self._schemas[name], self._at_ns(time_s), message.SerializeToString())
 
     def write_record(self, topic: str, time_ns: int, record: Any) -> None:
-        """Copy a record of the recording."""
+        """Copy a record from the recording."""
         if topic not in self._schemas:
             name = f"avrgym.{TOPICS[topic].__name__}"
             self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", json_schema(topic))
@@ -156,7 +156,7 @@ def _described(recording: Recording) -> dict[str, str]:
 
 
 def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntity:
-    """What a body looks like; it stays, and moves with the body's frame."""
+    """The surfaces of a body as a permanent entity that moves with the body's frame."""
     triangles = [
         TriangleListPrimitive(
             pose=Pose(orientation=Quaternion(w=1.0)),
@@ -172,14 +172,14 @@ def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntit
 
 
 def _colours(surface: BodySurface) -> Mapping[str, Any]:
-    """One colour where all vertices have the same, else one for each."""
+    """One colour if all vertices have the same colour, otherwise a colour for each vertex."""
     colours = [Color(r=r, g=g, b=b, a=a) for r, g, b, a in surface.rgba.tolist()]
     one = bool((surface.rgba == surface.rgba[0]).all())
     return {"color": colours[0]} if one else {"colors": colours}
 
 
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Points (P, ``POINT_BYTES``) on the surfaces of each body, of uniform density, the same in every run."""
+    """Points (P, ``POINT_BYTES``) of uniform density on each body's surfaces, identical in every run."""
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINTS / sum(area.sum() for own in areas.values() for area in own)
     generator = random_streams.surface_points()
@@ -227,7 +227,7 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
 def _moves(
     times_s: Sequence[float], frames: FloatArray, bodies: Sequence[str]
 ) -> Iterator[tuple[float, list[tuple[str, FloatArray]]]]:
-    """For each time, the bodies that have moved with their poses (7,); all of them at first."""
+    """For each time, the bodies that have moved and their poses (7,); at the first time, all bodies."""
     before = np.full_like(frames[0], np.nan)
     for time_s, poses in zip(times_s, frames, strict=True):
         moved = np.flatnonzero((poses != before).any(axis=1)).tolist()
@@ -237,7 +237,7 @@ def _moves(
 
 
 def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameTransform:
-    """The pose of a frame in the world: x, y, z, w, x, y, z."""
+    """The pose of a frame in the world: position x, y, z, then quaternion x, y, z, w."""
     x, y, z, qw, qx, qy, qz = pose.tolist()
     return FrameTransform(
         timestamp=log.timestamp(time_s),
@@ -249,7 +249,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
 
 
 def _tracking_space(recording: Recording) -> FloatArray:
-    """Pose of the space of tracked poses in the world (7,)."""
+    """Pose (7,) of the tracking space in the world."""
     pose = recording.configuration.xr_from_world
     x, y, z, w = pose.orientation
     return np.concatenate(transforms.invert(np.array(pose.position), np.array([w, x, y, z])))

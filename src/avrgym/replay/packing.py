@@ -1,21 +1,21 @@
-"""Compact encoding of poses: differences in time, in integer steps, byte by byte."""
+"""Compact encoding of poses: differences between frames as integers, ordered by byte."""
 
 import numpy as np
 
 STEP = 2.0**-14
-"""Resolution of packed numbers: metres for positions, 1 for orientations. The error of 0.03 mm is not visible."""
+"""Resolution of packed positions in metres, and of quaternions. The error of 0.03 mm is not visible."""
 
 
 def pack_poses(poses: bytes, frames: int) -> bytes:
-    """Encodes poses so that deflate compresses them to about a tenth.
+    """Encode poses for compression; deflate then reduces their size to about a tenth.
 
     Args:
-        poses: 32-bit floats, little-endian, equally many for each frame.
+        poses: 32-bit floats, little-endian, the same number in each frame.
         frames: number of frames.
 
     Returns:
-        32-bit differences between frames in multiples of ``STEP``, number by number over all frames; first the lowest
-        bytes of all, then the next, up to the fourth.
+        Differences between frames as 32-bit integers in multiples of ``STEP``, ordered by number, then by frame. The
+        lowest bytes of all differences come first, then the second, third and fourth bytes.
     """
     steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / STEP)
     changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")

@@ -1,4 +1,4 @@
-"""A recorded trial, or two side by side, as one HTML file that needs neither server nor network."""
+"""Write one recorded trial, or two side by side, as one HTML file that needs neither server nor network."""
 
 import base64
 import zlib
@@ -22,14 +22,14 @@ DATA_TAG = b'<script id="recorded" type="application/json">'
 
 
 class PackedTrial(msgspec.Struct, frozen=True):
-    """A timeline with the packed poses of its frames."""
+    """A timeline, and the packed poses of its frames."""
 
     timeline: Timeline
     poses: str
 
 
 class Packed(msgspec.Struct, frozen=True):
-    """The data of the page: packed poses, and GLB files by URL; both deflated and in base64."""
+    """Data of the page: packed poses, and GLB files by URL, both deflated and base64-encoded."""
 
     step: float
     trials: list[PackedTrial]
@@ -37,7 +37,7 @@ class Packed(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording with the result of ``timeline_of``."""
+    """A recording, and the result of ``timeline_of`` for it."""
 
     recording: Recording
     timeline: Timeline
@@ -48,7 +48,7 @@ def check_page_to_write(out: Path) -> None:
     """Check that the page can be written.
 
     Raises:
-        ValueError: for another suffix than .html or a missing folder.
+        ValueError: for a suffix other than .html, or for a missing folder.
         FileExistsError: if the file exists.
         ServerError: if the client is not built.
     """
@@ -57,9 +57,11 @@ def check_page_to_write(out: Path) -> None:
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
-    """Write one or two trials into a page that only its owner can read. Two trials are aligned at the robot's start.
+    """Write a page with one or two trials. Only its owner can read the file.
 
-    Raises: as ``check_page_to_write``.
+    Two trials are aligned at the robot's start.
+
+    Raises the same errors as ``check_page_to_write``.
     """
     check_page_to_write(out)
     before, place, after = (STATIC / TEMPLATE).read_bytes().partition(DATA_TAG)
@@ -86,7 +88,7 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
 
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """Index of the first recording with the same environment and person, and therefore the same scene."""
+    """Index of the first recording with the same environment and person, and thus the same scene."""
     looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
     return looks.index((recording.configuration.environment, recording.configuration.person))
 
@@ -96,5 +98,5 @@ def _deflated(data: bytes) -> str:
 
 
 def _within_script(packed: Packed) -> bytes:
-    """JSON that is safe within a script element."""
+    """The data as JSON that is safe in an HTML script element."""
     return msgspec.json.encode(packed).replace(b"<", b"\\u003c")

@@ -1,4 +1,4 @@
-"""Videos, animations and image strips of a recorded trial, rendered by MuJoCo."""
+"""Render a recorded trial as video, animation or image strip with MuJoCo."""
 
 # PyAV's streams: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -32,7 +32,7 @@ PICTURE_SUFFIXES = (".png", ".jpg")
 
 @dataclass(frozen=True)
 class Moment:
-    """The state of a trial at one time: phase, reward so far, and results of the latest control step."""
+    """State of a trial at one time: phase, accumulated reward, and results of the latest control step."""
 
     time_s: float
     phase: str
@@ -42,16 +42,16 @@ class Moment:
 
 
 def write_video(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write a trial up to the questionnaire as H.264 in MP4, at real speed.
+    """Write a trial as H.264 video (MP4) in real time, up to the questionnaire.
 
     Args:
-        recording: of the trial.
+        recording: the recording of the trial.
         out: a new file that ends in .mp4.
-        first_person: show the participant's view instead of a side view.
+        first_person: render the participant's view instead of a side view.
         progress: called after each recorded state.
 
     Raises:
-        ValueError: for another suffix, or a recording that cannot be recomputed.
+        ValueError: for another suffix, or for a recording that cannot be recomputed.
         FileExistsError: if the file exists.
         RuntimeError: if rendering fails or the encoder is missing.
     """
@@ -59,7 +59,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
     try:
         import av
     except ModuleNotFoundError as error:
-        raise RuntimeError("av is missing; `pip install avrgym[video]` brings the encoder") from error
+        raise RuntimeError("av, the video encoder, is missing; run `pip install avrgym[video]`") from error
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         with av.open(str(unfinished), "w", format="mp4", options={"movflags": "faststart"}) as file:
@@ -77,7 +77,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
 def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
     """Write the frames of ``write_video`` as a looping animation of half the size, for slides.
 
-    Args: as for ``write_video``; ``out`` is a new file that ends in .gif.
+    Arguments and errors are those of ``write_video``; ``out`` must end in .gif.
     """
     check_new(out, (".gif",))
     film = _film(recording, GIF_FRAMES_PER_S, first_person, progress)
@@ -93,9 +93,12 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
 def draw_strip(
     recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
 ) -> list[float]:
-    """Draw evenly spaced pictures of the robot's motion side by side; returns their times in seconds from its start.
+    """Render evenly spaced pictures of the robot's motion next to each other.
 
-    Args: as for ``write_video``; ``count`` pictures go into a new file that ends in .png or .jpg.
+    Arguments and errors are those of ``write_video``; ``out`` must end in .png or .jpg. ``count``: number of pictures.
+
+    Returns:
+        The time of each picture, in seconds from the start of the motion.
     """
     check_new(out, PICTURE_SUFFIXES)
     begins_s, ends_s = driven_span_s(recording)
@@ -118,7 +121,7 @@ def draw_strip(
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
-    """Frames at a constant rate up to the questionnaire. Missing states repeat a frame."""
+    """Pictures at a constant rate up to the questionnaire. If a state is missing, the previous picture is repeated."""
     begins_s, _ = driven_span_s(recording)
     times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
@@ -132,7 +135,7 @@ def _pictures(
     first_person: bool,
     progress: Progress,
 ) -> Iterator[tuple[Moment, Picture]]:
-    """The world at these times, in order: the first state at or after each time."""
+    """Pictures at these times: each shows the first state at or after its time."""
     playback = Playback(recording)
     width_px, height_px = size_px
     camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
@@ -152,7 +155,7 @@ def _pictures(
 
 
 def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
-    """The trial at each recorded state; the world is in that state."""
+    """The moment of each recorded state; the playback's world is then in this state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
@@ -164,7 +167,7 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
 
 
 def _titled(picture: Picture, text: str) -> Picture:
-    """A picture with a caption below."""
+    """The picture with a caption below it."""
     sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
@@ -172,7 +175,7 @@ def _titled(picture: Picture, text: str) -> Picture:
 
 
 def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> Picture:
-    """A picture with title and state of the trial in its lower edge."""
+    """The picture with title and state of the trial at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
     band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)

@@ -1,4 +1,4 @@
-"""Recompute a recorded trial: the same world, the same commands at the same ticks."""
+"""Recompute a recorded trial: apply the recorded commands at the same ticks to the same world."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
 STOP_PHASES = (("phase", "retreat"), ("phase", "free_after"))
-"""Events at which the robot is halted."""
+"""Events that brake the robot."""
 
 
 class ReplayError(ValueError):
-    """A recording that cannot be replayed."""
+    """The recording cannot be replayed."""
 
 
 @dataclass(frozen=True)
 class ComparedState:
-    """A recorded state of the simulator (S,) and the recomputed one."""
+    """A recorded simulator state (S,) and the recomputed state (S,)."""
 
     time_s: float
     recorded: FloatArray
@@ -37,13 +37,13 @@ class ComparedState:
 
     @property
     def identical(self) -> bool:
-        """Whether all bits are equal."""
+        """Whether recorded and recomputed state are equal in every bit."""
         return self.recorded.tobytes() == self.recomputed.tobytes()
 
 
 @dataclass(frozen=True)
 class ComparedStep:
-    """A recorded control step and the recomputed one."""
+    """A recorded control step and the recomputed control step."""
 
     time_s: float
     recorded: Control
@@ -51,20 +51,20 @@ class ComparedStep:
 
 
 class Playback:
-    """The world of a recording, rebuilt from its configuration. Times count from the start of the trial.
+    """Recompute a recording in a world that is built from its configuration.
 
-    ``episodes``: the world at the current point of ``run``. ``phase``: the phase of the session. ``driven``: a driver
-    controlled the robot in the last physics step.
+    ``episodes``: the world at the current point of ``run``. ``phase``: the session's current phase. ``driven``: whether
+    a driver controlled the robot in the last physics step. Times are in seconds from the start of the trial.
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
-        """Compile the scene and begin the episode; ``by_region`` as for ``Episodes``.
+        """Compile the scene and start the episode. ``by_region``: see ``Episodes``.
 
         Raises:
-            ReplayError: if the recording has no state, or its scene has changed since.
+            ReplayError: if the recording has no state, or if its scene differs from the current one.
         """
         if not recording.topics["/physics"]:
-            raise ReplayError("it breaks off before its first state")
+            raise ReplayError("it is truncated before its first state")
         self.recording = recording
         _check_world_version(recording)
         try:
@@ -81,14 +81,14 @@ class Playback:
         self._stopped = self._begun = False
 
     def run(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
-        """Recompute the recording, once.
+        """Recompute the recording and yield each state and control step. Can be called once.
 
         Args:
-            follow: continue from each recorded state if the recomputed one differs. Otherwise only the first recorded
-                state is used.
+            follow: after a difference, continue from the recorded state. By default, only the first recorded state is
+                used.
 
         Raises:
-            ReplayError: at a state or a command that does not fit the world.
+            ReplayError: if a state or command does not fit the world.
         """
         for topic, log_time_ns, record in self.recording.messages:
             time_s = log_time_ns / 1e9
@@ -130,7 +130,8 @@ class Playback:
         size = len(self.episodes.simulation.integration_state())
         if len(state) != size:
             raise ReplayError(
-                f"its states have {len(state)} numbers, this simulator's have {size}: {version_text(self.recording)}"
+                f"a recorded state has {len(state)} values, but a state of this simulator has {size}: "
+                f"{version_text(self.recording)}"
             )
         self.episodes.simulation.brake_robot()
         self.episodes.simulation.set_integration_state(state)
@@ -142,18 +143,18 @@ class Playback:
         return self._step
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the recorded action (1, J)."""
+        """The recorded action (1, J) of the control step."""
         if self._action is None:
             raise ReplayError(f"it contains no commands to the robot: {version_text(self.recording)}")
         self._action_is_new = False
         return self._action
 
     def update_action(self) -> FloatArray | None:
-        """Returns an action (1, J) that was recorded within a control step, if there is one."""
+        """The recorded action (1, J) within the control step; ``None`` without a new command."""
         return self.act(np.zeros(0)) if self._action_is_new else None
 
     def _apply_event(self, event: Event) -> None:
-        """Follow the phases; halt the robot around its retreat, or for good when the attempt is broken off."""
+        """Update the phase. Brake the robot around its retreat, and permanently if the attempt was aborted."""
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
@@ -163,10 +164,10 @@ class Playback:
 
 
 def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
-    """The contact forces on each region of the person while the robot was driven, (1, R).
+    """Contact forces (1, R) on each region of the person while the robot was driven.
 
     Args:
-        recording: of one attempt.
+        recording: the recording of one attempt.
         progress: called after each recorded state.
 
     Raises:
@@ -182,7 +183,7 @@ def region_loads(recording: Recording, progress: Callable[[], None] = lambda: No
 
 
 def title(recording: Recording) -> str:
-    """A heading for a recording: environment, policy, trial, attempt, participant."""
+    """A title for the recording: environment, policy, trial, attempt and participant."""
     trial = recording.configuration
     kind = "practice" if trial.practice else f"trial {trial.trial}"
     participant = "simulated participant" if trial.simulated else "participant"
@@ -191,19 +192,22 @@ def title(recording: Recording) -> str:
 
 
 def phases(recording: Recording) -> list[tuple[float, str]]:
-    """The start of each phase in seconds, and its name."""
+    """Start time (in seconds) and name of each phase."""
     events = recording.topics["/events"]
     return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
 
 
 def movement_end_s(recording: Recording) -> float:
-    """The start of the questionnaire, in which only the participant moves; else the end of the recording."""
+    """Start time of the questionnaire; without one, the end of the recording.
+
+    The robot does not move after this time.
+    """
     starts = (time_s for time_s, name in phases(recording) if name == "questionnaire")
     return next(starts, recording.duration_s)
 
 
 def driven_span_s(recording: Recording) -> tuple[float, float]:
-    """Start and end of the robot's control steps; the whole recording if there are none."""
+    """Start and end time of the robot's control steps; without any, of the whole recording."""
     starts = [time_s for time_s, name in phases(recording) if name == "trial"]
     control = recording.topics["/control"]
     if not starts or not control:
@@ -212,14 +216,17 @@ def driven_span_s(recording: Recording) -> tuple[float, float]:
 
 
 def version_text(recording: Recording) -> str:
-    """The versions that wrote a recording, and its plug-ins that have changed since."""
+    """The recorded versions, and the plug-ins that have changed since, as text."""
     return "; ".join(
         [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
     )
 
 
 def changed_plugins(recording: Recording) -> list[str]:
-    """The task and robot plug-ins that have changed since the recording. Replay does not run its controller."""
+    """Task and robot plug-ins that differ from the recorded ones.
+
+    Controllers are omitted, because replay does not run them.
+    """
     environment = recording.configuration.environment
     before = [each for each in recording.configuration.plugins if each.kind != "controller"]
     return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
@@ -229,7 +236,7 @@ def _check_world_version(recording: Recording) -> None:
     version = recording.configuration.world_version
     if version != WORLD_VERSION:
         raise ReplayError(
-            f"it was made in version {version} of the simulated world; this release steps version {WORLD_VERSION}: "
+            f"it was made in version {version} of the simulated world; this release simulates version {WORLD_VERSION}: "
             f"{version_text(recording)}"
         )
 

@@ -17,7 +17,7 @@ from avrgym.vr.server.web_server import STATIC, WebServer, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
-    """The web application. Data need a token, because movements may identify people."""
+    """The web application. Data require a token, because movements can identify people."""
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
@@ -25,7 +25,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
 
     def check(request: Request) -> None:
         if tokens.bearer(request.headers) is None:
-            raise HTTPException(401, "the address of this page lacks the replay's token")
+            raise HTTPException(401, "the address of this page does not contain the replay's token")
 
     @app.get("/timeline")
     async def read_timeline(request: Request) -> Response:
@@ -51,7 +51,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
 
 
 class ReplayServer:
-    """Serves one replay on this machine, as a context manager; ``port`` 0 takes a free one."""
+    """Context manager: serve one replay on this computer. ``port`` 0 chooses a free port."""
 
     def __init__(self, recording: Recording, timeline: Timeline, poses: bytes, port: int) -> None:
         """Bind the port.

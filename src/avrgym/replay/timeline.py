@@ -1,4 +1,4 @@
-"""The data of a replay page: poses of the scene over time, control steps and events."""
+"""Data of a replay page: poses over time, control steps and events."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,11 +18,11 @@ from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting_person
 
 FRAME_EVERY_STATES = 2
-"""50 frames per second; the page interpolates."""
+"""A frame is every second state: 50 frames per second. The page interpolates between frames."""
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):
-    """An event or an answer as text. ``kind``: name of a phase that starts, ``event`` or ``answer``."""
+    """An event or an answer as text. ``kind``: ``event``, ``answer``, or the name of the phase that starts."""
 
     time_s: float
     kind: str
@@ -30,7 +30,7 @@ class TimelineEvent(msgspec.Struct, frozen=True):
 
 
 class Steps(msgspec.Struct, frozen=True):
-    """One entry for each control step: time of its end, reward so far, and results."""
+    """Lists with one entry for each control step: end time, accumulated reward, and results."""
 
     time_s: list[float]
     reward: list[float]
@@ -40,11 +40,11 @@ class Steps(msgspec.Struct, frozen=True):
 
 
 class Timeline(msgspec.Struct, frozen=True):
-    """A trial for its page. Times count from the start of the trial.
+    """A trial as data for a replay page. Times are in seconds from the start of the trial.
 
-    ``frames_s``: times of the poses. These are separate: for each frame, all bodies and marks of ``scene`` as position
-    x, y, z and orientation w, x, y, z, 32-bit floats. ``complete``: the recording contains the whole trial. ``facts``:
-    further information by heading.
+    ``frames_s``: time of each frame. The poses of the frames are stored separately: for each frame, each body and mark
+    of ``scene``, as 32-bit floats: position x, y, z, then quaternion w, x, y, z. ``complete``: the recording contains
+    the whole trial. ``facts``: further information by heading.
     """
 
     title: str
@@ -60,10 +60,10 @@ class Timeline(msgspec.Struct, frozen=True):
 
 
 def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
-    """The timeline of a recording and the poses of its frames.
+    """The timeline of a recording, and the poses of its frames.
 
     Args:
-        recording: of one attempt.
+        recording: the recording of one attempt.
         progress: called after each recorded state.
 
     Raises:
@@ -87,7 +87,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 
 def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """The timelines, delayed so that the robot starts at the same time in all."""
+    """The timelines with delays that align the start of the robot."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines
@@ -109,12 +109,12 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 
 def render_recorded(recording: Recording) -> bytes:
-    """The scene of a recording as a GLB file."""
+    """The scene of a recording as GLB."""
     return export_scene(*recorded_scene(recording))
 
 
 def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
-    """The environment of a recording, the person in it at rest, and the settings."""
+    """Environment of a recording, its person in the rest pose, and its settings."""
     configuration = recording.configuration
     person = Person(**msgspec.structs.asdict(configuration.person))
     return (
@@ -125,7 +125,7 @@ def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
 
 
 def _facts(recording: Recording) -> dict[str, str]:
-    """Facts about the trial by heading. Recordings contain pseudonyms and no names."""
+    """Facts about the trial by heading. They contain the pseudonym, not the name."""
     trial = recording.configuration
     facts = {
         "Session": trial.session,

@@ -1,8 +1,8 @@
-"""Verify a recording: recompute it from its start, commands and body targets, and compare every bit.
+"""Verify a recording: recompute it from its initial state, commands and body targets, and compare every bit.
 
 The C library's elementary functions round differently on other processors, and contacts amplify the differences. If
-bits differ, every tick is therefore also recomputed from the recorded state before it. Rounding alone then changes less
-than 10⁻¹¹.
+bits differ, every tick is therefore also recomputed from the previous recorded state. Rounding then changes less than
+10⁻¹¹.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,18 +25,18 @@ STATE_QUANTITIES: Mapping[str, _State] = {
     for name, part in _State.__members__.items()
     if int(part) & int(_State.mjSTATE_INTEGRATION) and int(part).bit_count() == 1
 }
-"""Parts of a state by MuJoCo's names; SI units."""
+"""Parts of a MuJoCo state by name; SI units."""
 
 
 ROUNDING = 1e-9
-"""Largest relative difference in one tick that rounding can explain."""
+"""Largest relative difference after one tick that rounding can explain."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A quantity that differs: number of differences, time of the first, and the largest (SI units).
+    """Differences of one quantity: their number, the time of the first, and the largest (SI units).
 
-    ``largest_share``: the largest, relative to the recorded number or to 1, whichever is larger.
+    ``largest_share``: the largest difference, relative to the recorded value or to 1, whichever is larger.
     """
 
     quantity: str
@@ -48,13 +48,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of recomputing a recording.
+    """Result of the verification of a recording.
 
-    ``states``, ``steps``: number of compared states and control steps; ``identical_*``: number of those with equal
-    bits. ``until_s``: time of the last state. ``tick_error``: largest relative difference if each tick starts at the
-    recorded state. ``complete``: the recording contains the whole trial. ``same_versions``: it was made with the
-    present versions of AVR Gym and MuJoCo. ``same_rounding``: its C library rounded as the present one.
-    ``plugin_differences``: plug-ins that have changed.
+    ``states``, ``steps``: number of compared states and control steps; ``identical_*``: number without differences.
+    ``until_s``: time of the last state. ``tick_error``: largest relative difference after one tick from a recorded
+    state. ``complete``: the recording contains the whole trial. ``same_versions``: AVR Gym and MuJoCo have the recorded
+    versions. ``same_rounding``: the C library rounds like the recorded one. ``plugin_differences``: plug-ins that have
+    changed.
     """
 
     states: int
@@ -72,24 +72,24 @@ class Verification:
 
     @property
     def identical(self) -> bool:
-        """Whether all bits are equal."""
+        """Whether all states and control steps are equal in every bit."""
         return not self.differences
 
     @property
     def agrees(self) -> bool:
-        """Whether rounding can explain all differences."""
+        """Whether rounding explains all differences."""
         return self.tick_error <= ROUNDING
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
-    """Recompute a recording from its first state; compare states and control steps.
+    """Recompute a recording from its first state, and compare states and control steps.
 
     Args:
-        recording: of one attempt, complete or not.
+        recording: the recording of one attempt, complete or not.
         progress: called after each state.
 
     Raises:
-        ReplayError: if it cannot be recomputed.
+        ReplayError: if the recording cannot be recomputed.
     """
     playback, found = Playback(recording), _Differences()
     states: list[bool] = []
@@ -130,13 +130,13 @@ def _tick_error(recording: Recording) -> float:
 
 
 class _Differences:
-    """The differences so far, by quantity."""
+    """The differences found so far, by quantity."""
 
     def __init__(self) -> None:
         self.differences: dict[str, Difference] = {}
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
-        """Returns whether the state equals the recorded one; stores the differences of its parts."""
+        """Store the differences of a state. Returns whether there are none."""
         if not compared.identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
@@ -147,7 +147,7 @@ class _Differences:
         return compared.identical
 
     def compare_step(self, compared: ComparedStep) -> bool:
-        """Returns whether the control step equals the recorded one; stores the differences."""
+        """Store the differences of a control step. Returns whether there are none."""
         recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
         absent = np.array([np.nan])
         same = [
@@ -172,7 +172,7 @@ class _Differences:
 
 
 def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
-    """The largest absolute and relative difference; infinite for other shapes or missing numbers."""
+    """Largest absolute and relative difference; infinite if shapes differ or numbers are missing."""
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
     apart = np.where(np.isnan(recorded) & np.isnan(stepped), 0.0, np.abs(recorded - stepped))

@@ -1,4 +1,4 @@
-"""Child processes: they exit with their parent and ignore the signals of the terminal."""
+"""Child processes that exit with their parent and ignore signals of the terminal."""
 
 import multiprocessing
 import os
@@ -8,12 +8,12 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
-"""A terminal sends these signals to parent and children."""
+"""Signals that a terminal sends to the parent and to its children."""
 
 
 @contextmanager
 def block_terminal_signals() -> Generator[None]:
-    """Processes that are started in this context ignore the signals of the terminal."""
+    """Context manager: processes that are started in this context ignore signals of the terminal."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -25,7 +25,7 @@ def block_terminal_signals() -> Generator[None]:
 
 
 def exit_with_parent() -> None:
-    """Exit this process when its parent exits, for whatever reason."""
+    """Exit this process when its parent process exits, even if the parent is killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

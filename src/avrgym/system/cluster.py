@@ -1,7 +1,8 @@
-"""Function calls on the computers of a Ray cluster. Needs the extra ``cluster``.
+"""Run function calls on the computers of a Ray cluster. Requires the extra ``cluster``.
 
-A worker, a process on any node, runs one call after the other. If a worker or node dies, another worker repeats its
-call. Calls must therefore be repeatable: they depend on their arguments only, or continue their own unfinished work.
+A worker is a process on any node; it runs one call after the other. If a worker or node dies, another worker repeats
+the call. Calls must therefore be idempotent: they depend only on their arguments, or continue their own unfinished
+work.
 """
 
 import importlib.metadata
@@ -25,26 +26,26 @@ Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.5
 CONNECTION_TIMEOUT_S = 5.0
 START_TIMEOUT_S = 300.0
-"""Longest time without any started worker: some clusters start computers when they are needed."""
+"""Maximum time to wait for the first worker. Some clusters start computers on demand."""
 MAX_DEATHS = 8
-"""After so many deaths of its workers a call is reported as their cause."""
+"""A call fails after this number of its workers has died."""
 PROCESS_BYTES = 400 << 20
-"""Memory of a worker without worlds."""
+"""Memory of a worker process without worlds."""
 VARIABLE_PREFIX = "AVRGYM_"
-"""Workers get the environment variables with this prefix."""
+"""Environment variables with this prefix are copied to the workers."""
 COMPARED_PACKAGES = ("avrgym", "mujoco", "numpy")
-"""Every computer needs the same versions, because results are equal to the bit."""
+"""All computers must have the same versions of these packages, because results must be bit-identical."""
 
 
 class _Worker:
-    """A process on a node that runs one call after the other."""
+    """A process on a node of the cluster. It runs one call after the other."""
 
     def start(self, variables: Mapping[str, str]) -> dict[str, str]:
         os.environ.update(variables)
         return _versions()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int]:
-        """The result of a function, and the sum of its reports."""
+        """Returns the result of a function, and the sum of its progress reports."""
         with jobs.counting() as reported:
             result = function(*arguments)
         return result, reported()
@@ -52,14 +53,14 @@ class _Worker:
 
 @dataclass
 class _Running:
-    """A worker and the number of its call, or None while it starts."""
+    """A worker, and the number of its current call; ``None`` while the worker starts."""
 
     worker: Any
     number: int | None
 
 
 class Cluster:
-    """A connection to a cluster, and its workers."""
+    """A connection to a Ray cluster, and its workers."""
 
     def __init__(self, address: str, max_jobs: int | None) -> None:
         self.address = address
@@ -74,7 +75,7 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """The number of calls that run at the same time: the requested one, or the cluster's cores."""
+        """Number of calls that run at the same time: the requested number, or the number of cores of the cluster."""
         return self.max_jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
 
     def several_computers(self) -> bool:
@@ -83,10 +84,10 @@ class Cluster:
         return names != {socket.gethostname()}
 
     def reserve_memory(self, memory_bytes: int) -> None:
-        """Reserve memory for each worker that starts from now on, in addition to ``PROCESS_BYTES``.
+        """Reserve memory for each new worker, in addition to ``PROCESS_BYTES``.
 
         Raises:
-            RuntimeError: when no node has as much.
+            RuntimeError: if no node has enough memory.
         """
         wanted = PROCESS_BYTES + memory_bytes
         largest = max(
@@ -105,17 +106,17 @@ class Cluster:
         arguments: Sequence[tuple[Any, ...]],
         progress: Callable[[int], None] = lambda done: None,
     ) -> list[Result]:
-        """The results of a function for each tuple of arguments, in order; the first error ends all calls.
+        """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
 
-        An object that is in several tuples is sent to each node once.
+        An object that is in several tuples is sent to each node only once.
 
         Args:
-            function: of a module, so that workers can import it.
-            arguments: one tuple per call.
-            progress: called repeatedly with the sum of the reports of finished calls.
+            function: a function that workers can import from its module.
+            arguments: one tuple for each call.
+            progress: called repeatedly with the sum of progress reports of finished calls.
 
         Raises:
-            RuntimeError: when no worker starts, or a call's workers die repeatedly.
+            RuntimeError: if no worker starts, or if the workers of a call die repeatedly.
         """
         calls = _Calls(function, _shared_once(arguments))
         running: dict[Any, _Running] = {}
@@ -150,7 +151,7 @@ class Cluster:
                 )
 
     def _start_workers(self, wanted: int, busy: int) -> None:
-        """Start workers for the waiting calls."""
+        """Start workers for waiting calls."""
         present = busy + len(self._idle) + len(self._starting)
         for _ in range(min(wanted, self.count) - present):
             worker = ray.remote(_Worker).options(num_cpus=1, memory=self._bytes, max_restarts=0).remote()
@@ -186,7 +187,7 @@ class Cluster:
 
 
 class _Calls:
-    """Calls of a function, and their results."""
+    """All calls of a function, and their results."""
 
     def __init__(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> None:
         self.function, self.arguments = function, arguments
@@ -200,7 +201,7 @@ class _Calls:
         self.reported += reported
 
     def died(self, number: int, error: Exception) -> None:
-        """Repeat a call."""
+        """Repeat a call whose worker died. Raises ``RuntimeError`` if this happened ``MAX_DEATHS`` times."""
         self._deaths[number] += 1
         if self._deaths[number] == MAX_DEATHS:
             reason = str(error).strip().splitlines()[0]
@@ -209,7 +210,7 @@ class _Calls:
 
 
 def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
-    """The arguments, with references in place of objects that are in several tuples."""
+    """The arguments; objects that are in several tuples are replaced by references."""
     counts = Counter(id(each) for call in arguments for each in call)
     put: dict[int, Any] = {}
 
@@ -235,22 +236,22 @@ def _check_versions(found: Mapping[str, str]) -> None:
         if version != local[name]:
             raise RuntimeError(
                 f"a node of the cluster has {name} {version}, and this computer {local[name]}: "
-                "results are equal to the bit only with the same versions"
+                "results are bit-identical only with the same versions"
             )
 
 
 @contextmanager
 def connected(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
-    """A connection to a cluster for the duration of the context.
+    """Context manager: a connection to a Ray cluster.
 
     Args:
         address: ``local`` starts a cluster on this computer that ends with the context; ``auto`` is the cluster of this
             computer; otherwise HOST:PORT of a head node, or ``ray://HOST:PORT``.
-        max_jobs: largest number of workers; by default one per core.
+        max_jobs: maximum number of workers; default: one for each core.
 
     Raises:
         ValueError: for an invalid address.
-        RuntimeError: when no cluster answers.
+        RuntimeError: if no cluster answers.
     """
     if address not in ("local", "auto"):
         _check_answers(address)
@@ -263,7 +264,7 @@ def connected(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         ray.init(address=address, **quiet)
-    except Exception as error:  # Ray raises many kinds
+    except Exception as error:  # Ray raises many kinds of errors
         raise RuntimeError(f"no Ray cluster at {address}: {_first_line(error)}") from error
     try:
         yield Cluster(address, max_jobs)
@@ -282,7 +283,7 @@ def _check_answers(address: str) -> None:
     except OSError as error:
         raise RuntimeError(
             f"no Ray cluster answers at {address} ({error.strerror or error}); `ray start --head` starts one; "
-            "--cluster local starts one by itself"
+            "--cluster local starts one automatically"
         ) from error
 
 

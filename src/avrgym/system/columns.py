@@ -1,4 +1,4 @@
-"""Descriptions of table columns, as annotations of the fields that hold them.
+"""Descriptions of table columns, as annotations of dataclass fields.
 
 A row is a dataclass with fields such as ``Annotated[float | None, Column("Reaction time.", unit="s", empty="none")]``.
 Codebooks are generated from these annotations.
@@ -15,10 +15,10 @@ TYPES: Mapping[Any, str] = {str: TEXT, int: WHOLE, float: NUMBER, bool: TRUTH}
 
 @dataclass(frozen=True)
 class Column:
-    """The description of a column.
+    """Description of a table column.
 
-    ``type`` follows from the annotation unless it is given. The unit of numbers without unit is ``1``. ``allowed``
-    describes the allowed values, ``empty`` the meaning of an empty cell; without it, no cell is empty.
+    ``type``: default is the annotated type. ``unit``: default is ``1`` for numbers. ``allowed``: the allowed values.
+    ``empty``: the meaning of an empty cell; without it, cells are never empty.
     """
 
     meaning: str
@@ -29,7 +29,7 @@ class Column:
 
 
 def columns_of(row: type) -> dict[str, Column]:
-    """Returns the columns of a dataclass by field; raises ``TypeError`` for a field without description."""
+    """Columns of a dataclass, by field name. Raises ``TypeError`` for a field without description."""
     hints = get_type_hints(row, include_extras=True)
     return {field.name: _described(row, field.name, hints[field.name]) for field in fields(row)}
 

@@ -1,4 +1,4 @@
-"""Where physics may run, by name."""
+"""Names of the physics engines."""
 
 THREADS, WARP = "threads", "warp"
 ENGINES = "threads, warp, or warp:DEVICE such as warp:cuda:1 or warp:cpu"

@@ -1,4 +1,4 @@
-"""Files: written atomically, readable by their owner alone, edited by users; and the folder of a user's data."""
+"""Read and write files: atomic writes, private files, files that users edit, and the folder for a user's data."""
 
 import codecs
 import os
@@ -16,7 +16,7 @@ _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
 
 
 def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
-    """Write a file atomically: on an error the previous file remains.
+    """Write a file atomically. If an error occurs, the previous file is unchanged.
 
     ``mode``: permissions, restricted by the umask.
     """
@@ -32,21 +32,22 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """Temporary files in a folder that killed processes left in ``write_atomically``."""
+    """Temporary files of ``write_atomically`` in a folder that belong to killed processes."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove temporary files in a folder that killed processes left in ``write_atomically``."""
+    """Remove the temporary files of ``write_atomically`` in a folder that belong to killed processes."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)
 
 
 def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a new or empty folder atomically, with permissions for its owner only.
+    """Write a new or empty folder atomically. Only its owner can open it.
 
-    ``write`` writes the content into a temporary folder. Temporary folders of killed processes are removed.
+    ``write``: a function that writes the contents into a temporary folder. Temporary folders of killed processes are
+    removed.
     """
     make_private_folder(path.parent)
     for left in path.parent.glob(f".{path.name}.*.new"):
@@ -66,12 +67,12 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def private_opener(path: str, flags: int) -> int:
-    """An opener for ``open`` that gives permissions on a new file only to its owner."""
+    """An opener for ``open``: only the owner can read or write a new file."""
     return os.open(path, flags, PRIVATE_FILE)
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new file with permissions for its owner only, and sync it to disk.
+    """Write a new file that only its owner can read, and sync it to disk.
 
     Raises:
         FileExistsError: if the file exists; it is not changed.
@@ -87,20 +88,20 @@ def write_new(path: Path, text: str) -> None:
 
 
 def make_private_folder(path: Path) -> None:
-    """Create a folder and its parents, with permissions for their owner only."""
+    """Create a folder and its missing parents. Only their owner can open them."""
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
 
 
 def make_private(path: Path) -> None:
-    """Remove the permissions of other users on a file, or on a folder and its content."""
+    """Remove the permissions of other users on a file, or on a folder and its contents."""
     for each in exposed(path):
         each.chmod(each.stat().st_mode & ~_OTHERS)
 
 
 def exposed(path: Path) -> Iterator[Path]:
-    """The paths of a file, or of a folder and its content, on which other users have permissions. Skips links."""
+    """Paths on which other users have permissions: a file, or a folder and its contents. Links are ignored."""
     if os.name != "posix" or not os.path.lexists(path):
         return
     within = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
@@ -113,28 +114,28 @@ _USER_ENCODING = "utf-8-sig"
 
 
 def read_user_text(path: Path) -> str:
-    """The text of a file that users edit, in UTF-8 with or without a byte-order mark.
+    """Read a text file that users edit: UTF-8, with or without a byte-order mark (BOM).
 
     Raises:
         UnicodeDecodeError: for a file in another encoding.
-        OSError: when it cannot be read.
+        OSError: if the file cannot be read.
     """
     return path.read_text(encoding=_USER_ENCODING)
 
 
 def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
-    """The bytes of a UTF-8 text without and with a byte-order mark, for comparisons that accept both."""
+    """The bytes of a UTF-8 text without and with a byte-order mark (BOM), for comparisons that accept both."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 
 
 def open_new_csv(path: Path) -> TextIO:
-    """Open a new CSV file with a byte-order mark, which Excel needs for non-ASCII characters."""
+    """Open a new CSV file with a byte-order mark (BOM), because Excel needs it for non-ASCII characters."""
     return open(path, "x", encoding=_USER_ENCODING, newline="")
 
 
 def user_data_folder() -> Path:
-    """The folder for a user's keys, tokens and certificates; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
-    import platformdirs  # of the extra vr
+    """Folder for the user's keys, tokens and certificates; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
+    import platformdirs  # a package of the extra vr
 
     return platformdirs.user_data_path("avrgym", appauthor=False)

@@ -1,4 +1,4 @@
-"""Function calls in several processes."""
+"""Run function calls in several processes."""
 
 import multiprocessing
 import os
@@ -14,11 +14,11 @@ Result = TypeVar("Result")
 
 POLL_INTERVAL_S = 0.5
 _add: Callable[[int], None] | None = None
-"""Counts the reports of a worker process."""
+"""The function that counts progress reports of this worker process."""
 
 
 def cores() -> int:
-    """The number of cores that this process may use."""
+    """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -28,15 +28,15 @@ def run_all(
     jobs: int,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Result]:
-    """The results of a function for each tuple of arguments, in order; the first error ends all calls.
+    """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
 
-    The processes end with this one, even if it is killed.
+    The worker processes end with this process, even if it is killed.
 
     Args:
-        function: of a module, so that processes can import it.
-        arguments: one tuple per call.
-        jobs: number of processes, 1 or more, limited to the number of calls.
-        progress: called repeatedly with the sum of all reports so far.
+        function: a function that processes can import from its module.
+        arguments: one tuple for each call.
+        jobs: number of processes, 1 or more; at most one for each call is started.
+        progress: called repeatedly with the sum of all progress reports so far.
     """
     if not arguments:
         return []
@@ -61,14 +61,14 @@ def run_all(
 
 
 def report(done: int) -> None:
-    """In a worker process: report that so much more is done."""
+    """Report progress from a worker process: ``done`` is the amount since the last report."""
     assert _add is not None
     _add(done)
 
 
 @contextmanager
 def counting() -> Generator[Callable[[], int]]:
-    """Count the reports in this context; yields a function that returns their sum."""
+    """Context manager: count progress reports. Yields a function that returns their sum."""
     global _add
     before, counts = _add, [0]
     _add = counts.append
@@ -79,7 +79,7 @@ def counting() -> Generator[Callable[[], int]]:
 
 
 def _start(done: "Synchronized[int]") -> None:
-    """End this process with the one that started it, which also handles a terminal's signals."""
+    """End this process with its parent. Only the parent handles signals of the terminal."""
 
     def add(more: int) -> None:
         with done.get_lock():

@@ -1,4 +1,4 @@
-"""Folders that one process uses at a time."""
+"""Lock a folder for one process at a time."""
 
 import fcntl
 import os
@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import IO
 
 LOCK_FILE = "training.lock"
-"""Stays when it is free: the lock is the kernel's, the file only what it is held on. It holds the last process's id."""
+"""File for the kernel's lock. It is never removed, and contains the id of the last process that locked it."""
 
 
 @contextmanager
 def locked(folder: Path) -> Generator[None]:
-    """Use a folder alone until the end; it is free again when this process ends, however that ends.
+    """Context manager: lock a folder. The kernel releases the lock when this process ends, even if it is killed.
 
     Raises:
-        ValueError: where another process uses it, or its file system has no locks.
-        OSError: where nothing can be written there.
+        ValueError: if another process has locked the folder, or if its file system does not support locks.
+        OSError: if the folder cannot be written.
     """
     with open(folder / LOCK_FILE, "a+") as file:
         _lock(file, folder)
@@ -34,7 +34,7 @@ def _lock(file: IO[str], folder: Path) -> None:
         file.seek(0)
         holder = file.read(20).strip()
         by = f" by process {holder}" if holder.isdigit() else ""
-        raise ValueError(f"{folder} is in use{by}: one training at a time goes on in a folder") from None
+        raise ValueError(f"{folder} is in use{by}; only one training at a time can use a folder") from None
     except OSError as error:
         raise ValueError(
             f"{folder} cannot be locked ({error.strerror}); choose a folder on a file system with locks"

@@ -1,4 +1,4 @@
-"""How much memory there is, and what a process does with what it no longer uses."""
+"""The computer's memory, and the release of freed memory to the system."""
 
 import ctypes
 import os
@@ -6,30 +6,29 @@ import platform
 from functools import cache
 
 LARGE_BYTES = 4 << 20
-"""A world's arena is 12 MiB and more; what a step computes with is less."""
+"""Threshold between the arena of a world (12 MiB and more) and the smaller arrays of a control step."""
 _M_MMAP_THRESHOLD = -3
-"""glibc's number of that setting: `mallopt(3)`."""
+"""Parameter number in glibc, see `mallopt(3)`."""
 
 
 @cache
 def return_large_blocks() -> None:
-    """Have every block of 4 MiB or more go back to the system when it is freed; done once for the process.
+    """Configure glibc to return freed blocks of 4 MiB or more to the system. Called once for each process.
 
-    Left alone, glibc keeps blocks of up to 32 MiB for later use as soon as one was freed. Worlds that are made one
-    after another then lie at other places, and the pages that they touched add up: 100 MiB more after 140 trials of
-    a session. Other C libraries need no such word.
+    By default, glibc keeps freed blocks of up to 32 MiB. The worlds of successive trials are then at different
+    addresses, and memory grows by 100 MiB in 140 trials. Other C libraries do not need this.
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
 
 
 def available_bytes() -> int | None:
-    """How much memory the system could give now; ``None`` where it does not say."""
+    """Free memory in bytes; ``None`` if the system does not report it."""
     return _pages("SC_AVPHYS_PAGES")
 
 
 def memory_bytes() -> int | None:
-    """How much memory this computer has; ``None`` where it does not say."""
+    """Memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_PHYS_PAGES")
 
 

@@ -1,4 +1,4 @@
-"""Settings of MuJoCo: the renderer, which must be chosen before its import, and the log of its warnings."""
+"""Configure MuJoCo: the rendering backend, which must be chosen before the import of MuJoCo, and the log."""
 
 import ctypes
 import logging
@@ -8,11 +8,11 @@ from ctypes.util import find_library
 
 SCREEN_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
-"""Libraries for rendering without a screen, and their names in MuJoCo. The first installed one is used."""
+"""Libraries for rendering without a screen, and their names in MuJoCo. The first installed library is used."""
 PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
 COMMON_BACKENDS = ("glfw", "off")
 OTHER_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
-"""Further values that MuJoCo accepts."""
+"""Other values of ``MUJOCO_GL`` that MuJoCo accepts."""
 RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
     "before Python starts"
@@ -20,7 +20,7 @@ RENDERING_HINT = (
 
 
 def choose_rendering_backend() -> None:
-    """Set ``MUJOCO_GL`` on Linux without a screen, unless it is set."""
+    """Set ``MUJOCO_GL`` on Linux without a screen; a value that is already set is not changed."""
     if (
         sys.platform != "linux"
         or "MUJOCO_GL" in os.environ
@@ -33,7 +33,7 @@ def choose_rendering_backend() -> None:
 
 
 def check_rendering_backend() -> None:
-    """Raise ``ValueError`` if MuJoCo cannot be imported with ``MUJOCO_GL``, naming the allowed values."""
+    """Raise ``ValueError`` if MuJoCo cannot be imported with the value of ``MUJOCO_GL``."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
     if asked not in (*allowed, *OTHER_VALUES):
@@ -49,7 +49,7 @@ def check_rendering_backend() -> None:
 
 
 def _can_load(library: str) -> bool:
-    """Whether a shared library can be loaded, with the names that PyOpenGL tries."""
+    """Whether a shared library can be loaded, under one of the names that PyOpenGL tries."""
     for name in (f"lib{library}.so", *(f"lib{library}.so.{version}" for version in reversed(range(10)))):
         try:
             ctypes.CDLL(name)
@@ -60,9 +60,9 @@ def _can_load(library: str) -> bool:
 
 
 def log_warnings() -> None:
-    """Send MuJoCo's warnings to the logger ``avrgym.mujoco``, unless a handler is set already.
+    """Send MuJoCo's warnings to the logger ``avrgym.mujoco``; a handler that is already set is not replaced.
 
-    Without a handler MuJoCo writes ``MUJOCO_LOG.TXT`` into the current folder.
+    Without a handler, MuJoCo writes ``MUJOCO_LOG.TXT`` into the current folder.
     """
     import mujoco
 

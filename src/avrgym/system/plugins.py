@@ -1,7 +1,7 @@
-"""Plug-ins: objects that other installed packages register by entry points.
+"""Plug-ins: objects that other packages register by entry points.
 
-A broken package does not stop AVR Gym. Plug-ins that cannot be loaded are skipped, with a warning of the logger
-``avrgym.plugins``.
+A broken package does not stop AVR Gym. If a plug-in cannot be loaded, it is skipped, and the logger
+``avrgym.plugins`` prints a warning.
 """
 
 import logging
@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 
 
 class Named(Protocol):
-    """An object with a name, as plug-ins register it."""
+    """A plug-in object: it has a name."""
 
     @property
     def name(self) -> str: ...
@@ -22,7 +22,7 @@ class Named(Protocol):
 
 T = TypeVar("T", bound=Named)
 TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
-"""The groups of entry points."""
+"""Names of entry point groups."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
 """Entry points of loaded objects, by group and name."""
@@ -30,17 +30,17 @@ _loaded: dict[tuple[str, str], EntryPoint] = {}
 
 @dataclass(frozen=True)
 class SkippedPlugin:
-    """A skipped entry point, as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and the reason."""
+    """A skipped plug-in: its entry point as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and the reason."""
 
     name: str
     reason: str
 
 
 def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
-    """Call ``add`` with every object of a type that installed packages register in a group, sorted by name.
+    """Load all plug-ins of a group, sorted by name. ``add`` is called with each object, which must be a ``kind``.
 
     Returns:
-        The entry points that cannot be loaded, have another type, or for which ``add`` raises an exception.
+        Plug-ins that cannot be loaded or have another type, or for which ``add`` raises an exception.
     """
     broken: list[SkippedPlugin] = []
     for entry in entries(group):
@@ -48,24 +48,24 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedP
             found = _object(entry, kind)
             add(found)
             _loaded[group, found.name] = entry
-        except (Exception, SystemExit) as error:  # plug-ins may raise anything
+        except (Exception, SystemExit) as error:  # plug-ins may raise any exception
             broken.append(skip(described(entry), error))
     return broken
 
 
 def entry_of(group: str, name: str) -> EntryPoint | None:
-    """The entry point of a loaded object; ``None`` if it is not a plug-in."""
+    """Entry point of a loaded object; ``None`` if the object is not a plug-in."""
     return _loaded.get((group, name))
 
 
 @cache
 def entries(group: str) -> tuple[EntryPoint, ...]:
-    """The entry points of a group, sorted by name; cached, without imports."""
+    """Entry points of a group, sorted by name. They are cached; nothing is imported."""
     return tuple(sorted(entry_points(group=group), key=described))
 
 
 def described(entry: EntryPoint) -> str:
-    """An entry point as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
+    """The entry point as text: ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
     package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
     return f"{entry.name} = {entry.value}{package}"
 

@@ -1,13 +1,13 @@
-"""Other processes of this machine."""
+"""Query other processes of this computer."""
 
 import os
 from pathlib import Path
 
 
 def is_running(process: int) -> bool:
-    """Whether a process of this machine runs; where that cannot be known, it does.
+    """Whether a process is running; ``True`` if this cannot be determined.
 
-    One that has ended but that its parent has not asked about is still there, as a zombie where Linux shows it.
+    A zombie process (ended, but not yet waited for by its parent) counts as not running where Linux reports it.
     """
     if os.name != "posix":
         return True

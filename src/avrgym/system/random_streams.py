@@ -1,9 +1,9 @@
-"""Every random stream of the program: its use, and the numbers that seed it.
+"""All random streams of the program, and their seeds.
 
-Each function returns a stream for a seed that a user gives, and for the numbers of an episode or an update. A stream's
-own number keeps it apart from the others with the same seed. Choices such as hyperparameters, exploration noise and
-checkpoints are made with episodes of the validation split; reported results come from the test split. NumPy's
-``SeedSequence`` keeps both apart from training, whatever the seeds are: only they have a spawn key.
+Each function returns a random generator for the user's seed and, for example, the number of an episode or update. A
+constant separates it from other streams with the same seed. Hyperparameters, exploration noise and checkpoints are
+chosen on episodes of the validation split; reported results are from the test split. Both splits differ from training
+for every seed, because only they have a spawn key (NumPy's ``SeedSequence``).
 """
 
 from collections.abc import Callable, Iterable
@@ -18,14 +18,14 @@ SPLITS: tuple[Split, ...] = (VALIDATION, TEST)
 _SPAWN_KEYS: dict[Split, int] = {VALIDATION: 1, TEST: 2}
 
 NoiseStream = Callable[[int, int, int], Generator]
-"""A stream of exploration noise: of a training's seed, its steps so far, and a world."""
+"""A function from seed, number of training steps so far and world to a generator of exploration noise."""
 
 
 def split_of(name: str) -> Split:
-    """The split of a name.
+    """The split with this name.
 
     Raises:
-        ValueError: for an unknown name, naming the known ones.
+        ValueError: for an unknown name; the message lists the allowed names.
     """
     for split in SPLITS:
         if split == name:
@@ -37,7 +37,7 @@ def split_of(name: str) -> Split:
 
 
 def evaluation_episodes(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
-    """People, starts and exploration noise of episodes of the validation or test split."""
+    """People, initial states and exploration noise of episodes in the validation or test split."""
     key = (_SPAWN_KEYS[split],)
     return [default_rng(SeedSequence([seed, number], spawn_key=key)) for number in numbers]
 
@@ -46,37 +46,37 @@ def evaluation_episodes(split: Split, seed: int, numbers: Iterable[int]) -> list
 
 
 def training_episode(seed: int) -> Generator:
-    """People and start of an episode; ``seed`` comes from ``episode_seeds`` or ``hard_episodes``."""
+    """Person and initial state of an episode; ``seed`` comes from ``episode_seeds`` or ``hard_episodes``."""
     return default_rng(seed)
 
 
 def episode_seeds(seed: int, update: int) -> Generator:
-    """Seeds of the episodes in an update of a recurrent policy."""
+    """Seeds of the episodes in one update of a recurrent policy."""
     return default_rng([seed, 1, update])
 
 
 def imitation(seed: int, update: int) -> Generator:
-    """Worlds that the expert drives in an update, then the update's minibatches."""
+    """Choice of the worlds that the expert controls in one update, then the update's minibatches."""
     return default_rng([seed, 2, update])
 
 
 def hard_episodes(seed: int, steps: int) -> Generator:
-    """Seeds of the episodes in an update of a feed-forward policy, new and repeated ones."""
+    """Seeds of the episodes in one update of a feed-forward policy: new episodes and repeated ones."""
     return default_rng([seed, 3, steps])
 
 
 def robot_noise(seed: int, steps: int, world: int) -> Generator:
-    """Exploration noise of the robot's actions in an update."""
+    """Exploration noise of the robot's actions in one update."""
     return default_rng([seed, 4, steps, world])
 
 
 def human_noise(seed: int, steps: int, world: int) -> Generator:
-    """Exploration noise of a trained human's actions in an update."""
+    """Exploration noise of a trained human's actions in one update."""
     return default_rng([seed, 5, steps, world])
 
 
 def device_minibatches(seed: int, steps: int) -> int:
-    """Seed of PyTorch for the minibatches of an update on a device."""
+    """Seed of PyTorch for the minibatches of one update on a device."""
     return int(default_rng([seed, 6, steps]).integers(2**63))
 
 
@@ -84,41 +84,41 @@ def device_minibatches(seed: int, steps: int) -> int:
 
 
 def episode(seed: int) -> Generator:
-    """Start and exploration noise of one episode: a study's trial, ``view``, ``export`` and checks of tasks."""
+    """Initial state and exploration noise of one episode: a study's trial, ``view``, ``export``, or a task's check."""
     return default_rng(seed)
 
 
 def trained_human_noise(uniform: float) -> Generator:
-    """Exploration noise of a trained human in an episode, from a uniform number of the episode's start."""
+    """Exploration noise of a trained human in one episode; ``uniform`` is a random number from the initial state."""
     return default_rng([5, int(uniform * 2**53)])
 
 
 def benchmark_actions(seed: int) -> Generator:
-    """Actions of ``bench sim``."""
+    """Random actions of ``bench sim``."""
     return default_rng(seed)
 
 
 def benchmark_episode(seed: int, world: int) -> Generator:
-    """People and start of a world in ``bench sim``."""
+    """Person and initial state of a world in ``bench sim``."""
     return default_rng([seed, world])
 
 
 def untrained_weights() -> Generator:
-    """Weights of the network of ``bench vr``."""
+    """Network weights of ``bench vr``."""
     return default_rng(0)
 
 
 def planner_starts() -> Generator:
-    """Joint angles at which the experts' motion planner starts its search."""
+    """Initial joint angles for the experts' motion planner."""
     return default_rng(0)
 
 
 def surface_points() -> Generator:
-    """Points on the bodies' surfaces in a replay for Foxglove."""
+    """Points on the surfaces of bodies in a Foxglove replay."""
     return default_rng(0)
 
 
-# Studies; ``seed`` is that of the design. Participants' numbers stay below those of the named streams
+# Studies; ``seed`` is the design's seed. Participant numbers are smaller than the numbers of the named streams
 
 
 def condition_orders(seed: int) -> Generator:
@@ -127,12 +127,12 @@ def condition_orders(seed: int) -> Generator:
 
 
 def trial_seeds(seed: int, participant: int, site: str | None) -> Generator:
-    """Seeds of a participant's trials."""
+    """Seeds of all trials of a participant."""
     return default_rng([seed, participant, *(site or "").encode()])
 
 
 def practice_robots(seed: int, group: int) -> Generator:
-    """Robots that a group of participants practises with."""
+    """Practice robots of a group of participants."""
     return default_rng([seed, 2**32 - 1, group])
 
 
@@ -142,12 +142,12 @@ def site_cells(seed: int, site: str) -> Generator:
 
 
 def policy_codes(seed: int, policies: int) -> Generator:
-    """Letters of the policies for a blinded experimenter."""
+    """Code letters of the policies for a blinded experimenter."""
     return default_rng([seed, policies])
 
 
 def item_order(seed: int) -> Generator:
-    """The order of a questionnaire's items after a trial; ``seed`` is that of the trial."""
+    """Order of a questionnaire's items after a trial; ``seed`` is the trial's seed."""
     return default_rng(seed)
 
 
@@ -175,7 +175,7 @@ def participant_behaviour(seed: int) -> Generator:
 
 
 def participant_noise(seed: int) -> Generator:
-    """Exploration noise of a simulated participant who is a trained human."""
+    """Exploration noise of a simulated participant that is a trained human."""
     return default_rng([seed, 3])
 
 
@@ -183,12 +183,12 @@ def participant_noise(seed: int) -> Generator:
 
 
 def simulated_study(seed: int, study: int, part: int) -> Generator:
-    """A simulated study of ``study power``; parts: 0 answers, 1 tasks, 2 withdrawals, 3 objective results."""
+    """A simulated study of ``study power``. ``part``: 0 answers, 1 tasks, 2 withdrawals, 3 objective results."""
     return default_rng([seed, study, part])
 
 
 def permutations(seed: int) -> Generator:
-    """Permutations of the energy-distance test."""
+    """Permutations of the energy test."""
     return default_rng(seed)
 
 
@@ -198,9 +198,9 @@ def sampled_sign_flips() -> Generator:
 
 
 TRAINING_PEOPLE_SEED = 2020
-"""The seed of the people that participants are compared with, and of the permutations of this comparison."""
+"""Seed of the sampled training populations, and of the permutations in their comparison with participants."""
 
 
 def training_people(population: int, task: int) -> Generator:
-    """Sampled people of a training population, for comparison with participants."""
+    """People sampled from a training population, for comparison with participants."""
     return default_rng([TRAINING_PEOPLE_SEED, population, task])

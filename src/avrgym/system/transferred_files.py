@@ -1,4 +1,4 @@
-"""Files with their content, for processes that may run where the files do not exist."""
+"""Files with their contents, for processes on other computers that cannot read the files."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 
 @dataclass(frozen=True)
 class TransferredFile:
-    """A name, with the content if it is that of a file, or with the ``files`` of a folder by their relative paths."""
+    """The name of a file or folder, with its contents. ``files``: contents of a folder's files by relative path."""
 
     name: str
     content: bytes | None = None
@@ -18,16 +18,16 @@ class TransferredFile:
 
     @classmethod
     def read(cls, name: str) -> "TransferredFile":
-        """A name, with the content if this process finds a file of that name."""
+        """Read the file with this name. If there is no such file, only the name is stored."""
         return cls(name, Path(name).read_bytes() if Path(name).is_file() else None)
 
     @classmethod
     def read_folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
-        """A folder with some of its files."""
+        """Read some files of a folder."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
     def local_path(self) -> str:
-        """The name, if this process finds the same files there, else the path of a temporary copy."""
+        """The name if this process finds the same files under it; otherwise the path of a temporary copy."""
         found = all(path.is_file() and path.read_bytes() == content for path, content in self._at(self.name))
         return self.name if found else _copy(self)
 
@@ -38,14 +38,14 @@ class TransferredFile:
             file.write_bytes(content)
 
     def _at(self, path: str | Path) -> list[tuple[Path, bytes]]:
-        """Paths and contents of the files, for a snapshot that lies at ``path``."""
+        """Paths and contents of the files if they are written to ``path``."""
         alone = [] if self.content is None else [(Path(path), self.content)]
         return alone + [(Path(path) / name, content) for name, content in self.files]
 
 
 @cache
 def _copy(snapshot: TransferredFile) -> str:
-    """A temporary copy with the same base name, which results and messages show."""
+    """Path of a temporary copy with the same base name, because results and messages contain the name."""
     contents = [each for each in (snapshot.content, *dict(snapshot.files).values()) if each is not None]
     folder = Path(mkdtemp(prefix=f"avrgym-{sha256(b''.join(contents)).hexdigest()[:8]}-"))
     path = folder / Path(snapshot.name).name

@@ -1,6 +1,6 @@
-"""Plug-ins that a recording, study or training used: package, version and a hash of their files.
+"""Plug-ins that a recording, study or training used: package, version, and hash of their files.
 
-Robots and tasks of AVR Gym itself are not plug-ins; its version identifies them, see ``own_version``.
+Robots and tasks of AVR Gym are not plug-ins; its version identifies them, see ``own_version``.
 """
 
 import ast
@@ -18,15 +18,15 @@ import msgspec
 
 Kind = Literal["task", "robot", "controller"]
 SHOWN_DIGITS = 12
-"""How many digits of a hash are printed."""
+"""Number of printed digits of a hash."""
 
 
 class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
     """A plug-in at the time of its use.
 
-    ``name``: that of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
-    ``MODULE:ATTRIBUTE`` without a package; then ``package`` and ``version`` are empty. ``sha256``: the hash of its
-    files, see ``content_sha256``.
+    ``name``: name of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
+    ``MODULE:ATTRIBUTE`` without a package; then ``package`` and ``version`` are empty. ``sha256``: hash of its files,
+    see ``content_sha256``.
     """
 
     kind: Kind
@@ -38,7 +38,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def label(self) -> str:
-        """Kind and name, for example ``robot Gen3``."""
+        """Kind and name, such as ``robot Gen3``."""
         return f"{self.kind} {self.name}"
 
     def __str__(self) -> str:
@@ -49,7 +49,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @cache
 def own_version() -> str:
-    """The version of AVR Gym. For an editable installation it includes a hash of the files."""
+    """Version of AVR Gym. For an editable installation, it includes a hash of the files."""
     about = importlib.metadata.distribution("avrgym")
     origin = json.loads(about.read_text("direct_url.json") or "{}")
     if not origin.get("dir_info", {}).get("editable"):
@@ -66,12 +66,12 @@ def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
 
 
 def used_python(name: str) -> UsedPlugin:
-    """The controller ``module:attribute`` with its present content."""
+    """The controller ``module:attribute`` with its current files."""
     return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
 
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
-    """Descriptions of the plug-ins that differ; those missing in ``before`` were not stored."""
+    """Descriptions of plug-ins that differ. Plug-ins that are missing in ``before`` were not stored."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
         f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
@@ -86,10 +86,10 @@ def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
 
 @cache
 def content_sha256(module: str) -> str:
-    """The SHA-256 of the files of a module; empty if they cannot be read.
+    """SHA-256 of the files of a module; empty if they cannot be read.
 
-    They are all files of its top-level package, or the file of a module outside of packages. Modules and packages in
-    the same folder that they import are included, unless the folder is a site-packages folder.
+    It covers all files of the module's top-level package, or the file of a module without a package. Imported modules
+    and packages in the same folder are included, except in a site-packages folder.
     """
     found = hashlib.sha256()
     try:
@@ -105,7 +105,7 @@ def content_sha256(module: str) -> str:
 
 
 def _root(module: str) -> Path | None:
-    """The folder of the outermost package of a module, ignoring namespace packages, or the module's file."""
+    """Folder of the module's outermost package (without namespace packages), or the module's file."""
     parts = module.split(".")
     for count in range(1, len(parts) + 1):
         try:
@@ -119,7 +119,7 @@ def _root(module: str) -> Path | None:
 
 
 def _files(root: Path) -> list[tuple[str, Path]]:
-    """Names and paths of the files of a module or package, and of modules in the same folder that it imports."""
+    """Names and paths of the files of a module or package, and of the modules in the same folder that it imports."""
     found = dict[str, Path]()
     places, others = [root], _neighbours(root)
     while places:
@@ -131,7 +131,7 @@ def _files(root: Path) -> list[tuple[str, Path]]:
 
 
 def _files_in(root: Path) -> Iterator[Path]:
-    """All files except hidden ones and compiled Python files."""
+    """All files except hidden files and compiled Python files."""
     for path in [root] if root.is_file() else root.rglob("*"):
         names = path.relative_to(root.parent).parts
         hidden = any(name == "__pycache__" or name.startswith(".") for name in names)
@@ -140,7 +140,7 @@ def _files_in(root: Path) -> Iterator[Path]:
 
 
 def _neighbours(root: Path) -> dict[str, Path]:
-    """Other modules and packages in the folder of a module, by name; none in a site-packages folder."""
+    """Other modules and packages in the module's folder, by name; empty in a site-packages folder."""
     if any(root.parent.glob("*.dist-info")):
         return {}
     found = {path.stem: path for path in root.parent.glob("*.py")}
@@ -149,7 +149,7 @@ def _neighbours(root: Path) -> dict[str, Path]:
 
 
 def _imported_names(path: Path) -> set[str]:
-    """The top-level names that a file of Python imports."""
+    """Top-level names that a Python file imports."""
     if path.suffix != ".py":
         return set()
     try:

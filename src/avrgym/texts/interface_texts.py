@@ -1,7 +1,7 @@
 """Interface texts for participants: one file for each language, with the same keys.
 
-Included languages are the ``.toml`` files of this package. A study can add languages, and translations of its own
-sentences, in ``texts/LANGUAGE.toml`` of its folder; see ``read_texts``.
+AVR Gym includes the languages of the ``.toml`` files in this package. A study can add languages, and translations of
+its own sentences, in ``texts/LANGUAGE.toml`` in its folder; see ``read_texts``.
 """
 
 import re
@@ -20,7 +20,7 @@ from avrgym.system.files import read_user_text
 
 TEXTS_FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
-"""A BCP 47 language tag, as in HTML's ``lang``."""
+"""Pattern of a BCP 47 language tag, as in HTML's ``lang``."""
 DIRECTIONS = ("ltr", "rtl")
 MAX_LISTED_KEYS = 5
 """Maximum number of missing keys in an error message."""
@@ -33,28 +33,28 @@ OPTIONAL_PAGE_KEYS = (
     "wrong_code",
     "too_many_codes",
 )
-"""Keys under ``page`` that a language may lack. Default: the English text."""
+"""Optional keys under ``page``; their default is the English text."""
 PAGE_SUFFIX = "_page"
-"""Suffix of the keys under ``session`` of texts for the page without a headset."""
+"""Suffix of keys under ``session`` whose texts are for the page without a headset."""
 SELECT, SELECT_BY = "select", "select_by_"
-"""Placeholder for the participant's select action, and prefix of the keys of these actions."""
+"""Placeholder for the participant's select action, and prefix of the keys with the names of these actions."""
 DEFAULT_INPUT = "trigger"
 
 
 class TextsError(ValueError):
-    """The texts of a language are invalid; the message contains the file, the error and what is allowed."""
+    """The texts of a language are invalid. The message contains file, error and allowed values."""
 
 
 @dataclass(frozen=True)
 class Text:
-    """A text for a participant: its key under ``session``, and the values of its placeholders."""
+    """A text for a participant: its key under ``session``, and values for its placeholders."""
 
     key: str
     values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
 
 
 class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A file of texts. That of a study may contain any part of them."""
+    """Contents of a text file. In a study's file, all parts are optional."""
 
     name: str = ""
     direction: str = ""
@@ -68,7 +68,7 @@ class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Texts:
     """All texts in one language.
 
-    ``language``: a tag such as ``de``. ``direction``: ``ltr`` or ``rtl``. ``decimal``: the decimal mark. ``session``:
+    ``language``: a tag such as ``de``. ``direction``: ``ltr`` or ``rtl``. ``decimal``: decimal separator. ``session``:
     texts of the server. ``page``: texts of the client. ``sentences``: translations of the English sentences of tasks,
     questionnaires and designs.
     """
@@ -82,7 +82,7 @@ class Texts:
     sentences: Mapping[str, str]
 
     def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
-        """The text for VR with a kind of select input, with its placeholders filled in."""
+        """The text for VR with filled-in placeholders. ``select_by``: the kind of select input."""
         select = self.session.get(SELECT_BY + select_by, "")
         values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
@@ -94,7 +94,7 @@ class Texts:
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def render_by_input(self, text: Text) -> dict[str, str]:
-        """The texts for VR by kind of select input, where they differ from ``render``."""
+        """The texts for VR that differ from ``render``'s default, by kind of select input."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
         texts = {kind: self.render(text, kind) for kind in kinds}
         return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
@@ -105,17 +105,17 @@ class Texts:
         return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
-        """The translation of a sentence; the sentence itself if there is none."""
+        """Translation of a sentence; without a translation, the sentence itself."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
     def untranslated(self, sentences: Collection[str]) -> list[str]:
-        """The sentences without a translation."""
+        """Sentences without a translation."""
         wanted = dict.fromkeys(normalize_whitespace(sentence) for sentence in sentences if sentence.strip())
         return [sentence for sentence in wanted if sentence not in self.sentences]
 
 
 class TextError(ValueError):
-    """A participant's action is not possible; ``text`` is the explanation in their language."""
+    """The participant cannot do an action. ``text`` is the explanation for the participant."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(ENGLISH.render(text))
@@ -123,12 +123,12 @@ class TextError(ValueError):
 
 
 def normalize_whitespace(sentence: str) -> str:
-    """A sentence with single spaces, as a key of translations: line breaks do not matter."""
+    """The sentence with single spaces, as a key for translations. Line breaks are therefore ignored."""
     return " ".join(sentence.split())
 
 
 def included_languages() -> list[str]:
-    """The languages included in AVR Gym."""
+    """Tags of the languages that AVR Gym includes."""
     included = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
     )
@@ -136,10 +136,10 @@ def included_languages() -> list[str]:
 
 
 def read_texts(language: str, folder: Path | None = None) -> Texts:
-    """The texts in a language: those included in AVR Gym, overridden by those of a study's folder.
+    """The texts in a language. Texts in the study's folder override those of AVR Gym.
 
     Raises:
-        TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from English.
+        TextsError: for an unknown language, a missing or unknown text, or other placeholders than in English.
     """
     if not LANGUAGE.fullmatch(language):
         raise TextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
@@ -189,9 +189,9 @@ def _read(text: str, name: str) -> TextsFile:
 
 
 def _check(texts: Texts, where: str) -> None:
-    """Raise ``TextsError`` unless the keys and the placeholders are those of English.
+    """Raise ``TextsError`` if keys or placeholders differ from the English texts.
 
-    Page variants may be added. A language without ``{select}`` needs no select actions.
+    A language may have additional page variants. Without ``{select}``, it needs no select actions.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
@@ -207,7 +207,7 @@ def _check(texts: Texts, where: str) -> None:
             more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""
             untranslated = f"{', '.join(missing[:MAX_LISTED_KEYS])}{more}"
             raise TextsError(
-                f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of English"
+                f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of the English file"
             )
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
@@ -224,7 +224,7 @@ _SELECTS = {SELECT, SELECT.capitalize()}
 
 
 def _names(text: str) -> set[str]:
-    """The placeholders of a text, including conversions and format specifications, which are not allowed."""
+    """The placeholders of a text. Conversions and format specifications, which are not allowed, are included."""
     try:
         return {
             name + (f"!{how}" if how else "") + (f":{form}" if form else "")

@@ -1,4 +1,4 @@
-"""Figures of the answers of one group of participants."""
+"""Figures of questionnaire answers, for people or for simulated participants."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -43,17 +43,17 @@ from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, Questionn
 from avrgym.study.design.design import Design
 
 LINE_HEIGHT = 0.55
-"""Height of a line of an item's text as a share of a bar's."""
+"""Height of a text line, relative to the height of a bar."""
 BRACKET_WIDTH_IN = 0.62
-"""Width of a bracket with the result of its test."""
+"""Width of a bracket and the test result next to it."""
 MAX_BRACKETS = 6
-"""Largest number of comparisons of an item in a figure with tests."""
+"""A figure shows tests only if every item has at most this number of comparisons."""
 
 
 def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """The paper's figure for each questionnaire: answers to its items by policy, and policies that differ."""
+    """A figure for each questionnaire after trials, as in the paper: answers to its items by policy, and tests."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -68,7 +68,7 @@ def trial_answers_figures(
 def mean_answers_figures(
     design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Figure 8 of the paper: mean answers over all trials with each policy."""
+    """Figure 8 of the paper for each questionnaire: mean answers over all trials with each policy."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -88,20 +88,20 @@ def mean_answers_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """Tests between policies that a figure shows; each value is the mean of one participant."""
+    """The tests between policies that a figure shows. They use each participant's mean over trials."""
     family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
 
 def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Primary results with enough participants. Figures show no other results."""
+    """The tests of primary results with at least ``MIN_PARTICIPANTS`` participants."""
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
 def session_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """For each questionnaire about sessions: answers before and after, and items that changed."""
+    """A figure for each questionnaire about sessions: answers before and after sessions, and tests of the changes."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
@@ -117,12 +117,12 @@ def session_answers_figures(
 
 
 def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
-    """The file name of the figure of answers after trials; with several questionnaires it contains the name."""
+    """File name of the figure of answers after trials. It contains the questionnaire's name if there are several."""
     return "likert" if len(questionnaires_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
 
 
 def session_figure_name(questionnaire: Questionnaire) -> str:
-    """The file name of the figure of answers about sessions."""
+    """File name of the figure of answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
 
@@ -134,9 +134,9 @@ def _likert_figure(
     tests: Sequence[ComparisonRow],
     words: tuple[str, str],
 ) -> Drawing:
-    """Distribution of the answers to each item of a questionnaire in each group, with differences between groups.
+    """Distribution of the answers to each item in each group, and tests between the groups.
 
-    ``words`` name the groups and describe the numbers in the bars.
+    ``words``: a word for the groups, and a word for the numbers in the bars.
     """
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
@@ -174,7 +174,7 @@ def _likert_figure(
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the axis of shares, with room for tests at its right."""
+    """Draw the axis of shares. The space at its right is for tests."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
@@ -197,13 +197,13 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:
-    """The common scale of all items as text; empty if scales differ."""
+    """Description of the scale that all items share; empty if their scales differ."""
     scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """The text of an item in lines that fit the figure, with its scale unless all items have the same."""
+    """The item's text, wrapped to the figure's width, with its scale if ``common`` is empty."""
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -216,14 +216,14 @@ def _bars(
     groups: Mapping[str, Sequence[LikertRow]],
     share_in: float,
 ) -> None:
-    """A bar for each group."""
+    """Draw a stacked bar for each group."""
     for place, rows in enumerate(groups.values()):
         own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
         _stack(axes, top + place, own, neutral, share_in)
 
 
 def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
-    """A bar of shares by value, centred at its neutral value; a share is ``share_in`` inches long."""
+    """Draw a stacked bar, centred at the neutral value. A share of 1 is ``share_in`` inches long."""
     below = sum(row.share for row in rows if row.value < neutral)
     at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
@@ -240,7 +240,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
 def _brackets(
     axes: Axes, top: float, groups: Sequence[str], tests: Sequence[ComparisonRow], width: float
 ) -> None:
-    """Brackets at the bars of an item for groups that differ."""
+    """Draw a bracket with p and stars for each tested pair of groups."""
     for index, row in enumerate(tests):
         first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + width * index
@@ -249,9 +249,9 @@ def _brackets(
 
 
 ROW_WIDTH_IN = 4.2
-"""The width of a row of bars."""
+"""Width of a row of bars."""
 BAR_WIDTH_IN = 0.34
-"""Minimum width of a bar with its mean above."""
+"""Minimum width of a bar; its mean is printed above it."""
 
 
 def means_figure(
@@ -260,7 +260,7 @@ def means_figure(
     rows: Sequence[SubjectiveRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
-    """Mean answers to each item over all trials with each policy, in one row or several."""
+    """Bar chart of the mean answer to each item with each policy, in one or more rows."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
     with matplotlib.rc_context(STYLE):
@@ -275,7 +275,7 @@ def means_figure(
 
 
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
-    """Number of items in a row; depends on the widths of bars and names."""
+    """Number of items that fit in a row."""
     item_in = max(
         BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
         LETTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
@@ -284,7 +284,7 @@ def _items_in_row(design: Design, items: Sequence[Item]) -> int:
 
 
 def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
-    """A bar for each item and policy, upwards from the bottom of the axes."""
+    """Draw a bar for each item and policy."""
     width = GROUP_WIDTH / len(design.policies)
     ids = [item.id for item in items]
     for index, policy in enumerate(design.policies):
@@ -300,7 +300,7 @@ def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence
 def _mean_axis(
     axes: Axes, questionnaire: Questionnaire, items: Sequence[Item], tests: Sequence[ComparisonRow]
 ) -> None:
-    """The range of the items' scales on the y axis, with the tests above."""
+    """Set the y axis to the range of the scales, and print the tests above it."""
     scales = [questionnaire.scale_of(item) for item in items]
     minimum, maximum = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
     ids = [item.id for item in items]

@@ -1,4 +1,4 @@
-"""Scores of validated questionnaires: distributions, tests, and section of the report."""
+"""Scores of validated questionnaires: summaries, tests, and a section of the report."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreSummaryRow:
-    """Summary of the counted scores of one scale, with a policy or at a moment of sessions."""
+    """Summary of the counted scores of one scale, for one policy or for one moment of the sessions."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -67,7 +67,7 @@ class ScoreSummaryRow:
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
-    """Summary of each scale with each policy, before and after sessions, and of its change."""
+    """Summaries of each scale: with each policy, before sessions, after sessions, and of the change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
@@ -83,8 +83,8 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
     """Wilcoxon signed-rank tests of every scale; each questionnaire is a family.
 
-    Policies are paired within participant × task × robot, by trial and by participant. Scores about sessions are paired
-    within participant, after against before.
+    Scores after trials compare policies, paired within participant × task × robot, by trial and by participant. Scores
+    about sessions compare after with before, paired within participant.
     """
     families: list[Family] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -132,7 +132,7 @@ def _policy_family(
 def _by_questionnaire(
     design: Design, scores: Sequence[ScoreRow]
 ) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
-    """The counted scores of each instrument, for people and for simulated participants."""
+    """Each instrument's counted scores, first of people, then of simulated participants."""
     counted = [row for row in scores if row.counted and row.score is not None]
     for simulated in sorted({row.simulated for row in counted}):
         for questionnaire in design.questionnaires:
@@ -150,7 +150,7 @@ def _scales(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key, float]:
-    """The scores of trials by participant, task and robot."""
+    """The scores of one scale after trials with a policy, by participant, task and robot."""
     return {
         (row.participant, row.task or "", row.robot or ""): row.score
         for row in rows
@@ -174,7 +174,7 @@ def _summary_rows(
     policy: str | None,
     values: Sequence[float],
 ) -> list[ScoreSummaryRow]:
-    """One row; none without scores."""
+    """One row with the summary of ``values``; none if there are no values."""
     if not values:
         return []
     return [
@@ -202,7 +202,7 @@ def scores_section(
     simulated: bool,
     tests: TestTables,
 ) -> Markup:
-    """Summaries and tests of each instrument's scales; empty if the study uses no instrument."""
+    """Summaries and tests of each validated questionnaire; empty if the study uses none."""
     own_scores = [row for row in scores if row.simulated is simulated]
     own_summaries = [row for row in summaries if row.simulated is simulated]
     parts = [
@@ -256,7 +256,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
-    """The lowest and highest possible score of a scale; empty for changes."""
+    """The lowest and the highest possible score of a scale; empty cells for changes."""
     minimum, maximum = instrument.range_of(row.scale)
     return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
 

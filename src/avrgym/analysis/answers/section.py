@@ -1,4 +1,4 @@
-"""Answers to questionnaires in the report."""
+"""Section of the report with the answers to questionnaires."""
 
 from collections.abc import Sequence
 
@@ -42,7 +42,7 @@ def answers_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Answers to each questionnaire after trials, with the paper's tests, then answers about sessions."""
+    """Answers to each questionnaire after trials with the paper's tests, then answers about sessions."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
         for questionnaire in questionnaires_at(design, AFTER_TRIAL)
@@ -118,14 +118,14 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 
 
 def _statements(questionnaire: Questionnaire) -> Markup:
-    """The texts of the items."""
+    """The items' texts as a list."""
     return bullet_list(
         [f"{item.id}: {item.text} ({questionnaire.describe_scale(item)})" for item in questionnaire.items]
     )
 
 
 def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:
-    """Number, median, quartiles, mean and range of answers, or of their changes."""
+    """Number, median, quartiles, mean and range of the answers as cells of a table."""
     return (
         row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
         number_text(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
@@ -133,7 +133,7 @@ def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, st
 
 
 def _brief_number(value: float) -> str:
-    """A number without trailing zeros."""
+    """The number as text without trailing zeros."""
     return f"{value:g}".replace("-", "−")
 
 

@@ -1,4 +1,4 @@
-"""Answers of participants before and after sessions, and their changes."""
+"""Participants' answers before and after sessions, and the changes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,9 +40,9 @@ CHANGE = "change"
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the counted answers to one item before or after sessions; one value for each participant.
+    """Summary of the counted answers to one item before or after sessions; each participant gives one value.
 
-    The change is the answer after minus the answer before, for participants with both answers.
+    A change is the answer after minus the answer before. It exists if a participant gave both answers.
     """
 
     simulated: IsSimulated
@@ -61,7 +61,7 @@ class SessionAnswerRow:
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
-"""The value of each participant, by moment and item or scale."""
+"""Values by (moment, item or scale) and by participant."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
@@ -70,7 +70,7 @@ def session_questionnaires(design: Design) -> list[Questionnaire]:
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Summary of each item before and after sessions, and of its change."""
+    """Summaries of each item before sessions, after sessions, and of the change."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -94,7 +94,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
 
 
 def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Wilcoxon signed-rank tests of changes over sessions; the items of a questionnaire are a family."""
+    """Wilcoxon signed-rank tests of the changes over sessions; the items of a questionnaire are a family."""
     return [
         corrected_family(
             simulated,
@@ -108,7 +108,7 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """The values at a moment. For ``CHANGE``: after minus before, for participants with both answers."""
+    """The values at ``moment``. For ``CHANGE``: after minus before, of participants with both answers."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
@@ -116,7 +116,7 @@ def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[f
 
 
 def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
-    """Test values after sessions against values before, for participants with both answers."""
+    """Compare values after sessions with values before, for participants with both answers."""
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [name for name in before if name in after]
     a, b = [after[name] for name in both], [before[name] for name in both]
@@ -142,7 +142,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """Each questionnaire about sessions with its counted answers, for people and for simulated participants."""
+    """The counted answers to each questionnaire about sessions, first of people, then of simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}

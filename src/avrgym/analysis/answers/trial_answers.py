@@ -1,4 +1,4 @@
-"""Answers of participants after trials: their distribution, and the paper's two tests."""
+"""Participants' answers after trials: summaries, frequencies, and the paper's two tests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class SubjectiveRow:
-    """Summary of the counted answers to one item with one policy; ``all`` stands for all tasks or robots."""
+    """Summary of the counted answers to one item with one policy. Task or robot ``all`` means all together."""
 
     simulated: IsSimulated
     item: ItemName
@@ -64,7 +64,7 @@ class SubjectiveRow:
 
 @dataclass(frozen=True, kw_only=True)
 class LikertRow:
-    """Frequency of one value among the answers to an item, with a policy or before or after sessions."""
+    """Frequency of one value among the answers to an item: with one policy, or before or after sessions."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -80,7 +80,7 @@ AFTER_TRIAL = "after_trial"
 
 
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
-    """Summary of each item with each policy: in total, by task, by robot, and by both."""
+    """Summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
@@ -96,7 +96,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Frequency of each value of each item after trials, with each policy."""
+    """Frequency of each value of each item after trials, by policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -113,7 +113,7 @@ def counts(
     policy: str | None,
     values: Sequence[float],
 ) -> list[LikertRow]:
-    """Frequency of each value of an item's scale."""
+    """Frequency of each value on the scale of ``item``."""
     return [
         LikertRow(
             simulated=simulated,
@@ -132,10 +132,10 @@ def counts(
 def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
     """The paper's tests, by trial (as in the paper) and by participant.
 
-    For each policy, the first item after a trial (L1: success) is tested against the midpoint of its scale. Each item
-    is tested between policies, paired within participant × task × robot; each questionnaire is a family. Trials of one
-    participant are not independent: if participants differ, p by trial is too small. By participant, each participant
-    gives one value, the mean over trials.
+    For each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale. For each
+    item, policies are compared, paired within participant × task × robot; each questionnaire is a family. Trials of
+    one participant are not independent. If participants differ, p by trial is therefore too small. In tests by
+    participant, each participant gives one value, the mean over trials.
     """
     families: list[Family] = []
     for simulated in _groups(answers):
@@ -156,12 +156,12 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
 
 
 def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
-    """The questionnaires at a moment, in the design's order."""
+    """The questionnaires at ``moment``, in the design's order."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def trial_items(design: Design) -> tuple[Item, ...]:
-    """The items after trials, in the design's order."""
+    """The items of all questionnaires after trials, in the design's order."""
     return tuple(
         item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
     )
@@ -174,7 +174,10 @@ def midpoint_question(questionnaire: Questionnaire) -> Question:
 
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
-    """The question whether policies differ in the items; with several questionnaires, it contains the name."""
+    """The question whether policies differ in the items.
+
+    If there are several questionnaires, its name contains the questionnaire's name.
+    """
     names = {base_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
     name = f"policies, {questionnaire.name}" if several else "policies"
@@ -206,7 +209,7 @@ def _against_middle(
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
 ) -> tuple[dict[Key, float], dict[Key, float]]:
-    """Two lists of answers to an item, one for each policy, paired by participant, task and robot."""
+    """Answers to an item with the first and with the second policy, each by participant, task and robot."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
 

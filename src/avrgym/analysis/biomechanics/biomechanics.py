@@ -1,6 +1,6 @@
-"""Comparison of participants with the training populations: torso heights, head positions and waist angles.
+"""Compare participants with the training populations: torso heights, head positions and waist angles.
 
-The paper derived the Revised from the Original population in this way.
+The paper derived the Revised population from the Original population in this way.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class BiomechanicsRow:
-    """Distribution of a measure among participants, one value for each, or in a training population."""
+    """Distribution of a measure, among participants (one value each) or in a training population."""
 
     simulated: IsSimulated
     quantity: Quantity
@@ -59,7 +59,7 @@ class BiomechanicsRow:
 
 @dataclass(frozen=True, kw_only=True)
 class RangeRow:
-    """The range of a measure among participants, and the ranges of the training populations."""
+    """Range of a measure among participants, and its ranges in the training populations."""
 
     simulated: IsSimulated
     quantity: Quantity
@@ -76,22 +76,22 @@ class RangeRow:
 
 @dataclass(frozen=True, eq=False)
 class BodyTrials:
-    """The counted trials of people, or of simulated participants, with a recorded body."""
+    """Counted trials with a recorded body, of people or of simulated participants."""
 
     simulated: bool
     trials: tuple[TrialRow, ...]
 
     def postures(self) -> list[str]:
-        """Postures in these trials."""
+        """The postures that occur in these trials."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
     def in_posture(self, posture: str) -> list[TrialRow]:
-        """The trials in a posture."""
+        """The trials in ``posture``."""
         return [row for row in self.trials if posture_of(row.task) == posture]
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
-    """Trials of people, then of simulated participants; groups without trials are absent."""
+    """The trials of people, then of simulated participants. A group without trials is omitted."""
     usable = [row for row in trials if row.counted and row.torso_height_m is not None]
     return [
         BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
@@ -103,7 +103,7 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
-    """Torso heights, and head positions by posture, of participants (one value each) and training populations."""
+    """Distributions of torso heights, and of head positions by posture, of participants and training populations."""
     rows: list[BiomechanicsRow] = []
     for group in groups:
         own = torso_heights(group)
@@ -124,7 +124,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Torso heights of a group's participants, or of one sex, in metres; each is the median over trials."""
+    """Torso height of each participant in metres, the median over trials; with ``sex``, only of that sex."""
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
@@ -133,7 +133,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
-    """Head positions (n, 3) of a group's participants in a posture, world frame; each is the mean over trials."""
+    """Head position (n, 3) of each participant in a posture, in the world frame; the mean over trials."""
     trials = group.in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
@@ -164,9 +164,9 @@ def _distribution(
 
 
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
-    """Ranges of torso heights by sex and of waist angles, over all participants.
+    """Ranges of torso heights by sex, and of waist angles, over all participants.
 
-    Waist angles have two ranges: of the means of trials, and of all angles in trials.
+    Waist angles have two ranges: of the trials' means, and of all angles during trials.
     """
     rows: list[RangeRow] = []
     for group in groups:

@@ -1,4 +1,4 @@
-"""Figures of torso heights and head positions of one group of participants."""
+"""Figures of torso heights and head positions, for people or for simulated participants."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -26,7 +26,7 @@ from avrgym.analysis.page.drawing import (
 from avrgym.models.human import SEXES
 
 MAX_SHOWN_PEOPLE = 150
-"""Number of sampled people of each population and posture in a figure."""
+"""Largest number of sampled people of a population and posture in a figure."""
 BIN_M = 0.01
 
 
@@ -34,7 +34,7 @@ BIN_M = 0.01
 
 
 def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Torso heights: one mark for each participant above the distribution of the training populations."""
+    """Torso heights of participants as marks, above the distributions of the training populations."""
     own = torso_heights(group)
     trained = {
         name: [row.torso_height_m for row in people if row.population == name]
@@ -66,7 +66,7 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
 
 
 def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Head positions (means of trials) with those of the training populations, from front and side."""
+    """Front and side view of head positions: means of trials, and people of the training populations."""
     postures = group.postures()
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")

@@ -1,4 +1,4 @@
-"""Torso heights and head positions in the report."""
+"""Section of the report about torso heights and head positions."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def biomechanics_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Comparison of participants with the training populations, and the ranges that cover the participants."""
+    """Compare participants with the training populations, and show the ranges that cover the participants."""
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")

@@ -1,4 +1,4 @@
-"""Tests of participants against the training populations: those of the paper, and tests for unpaired samples."""
+"""Tests of participants against the training populations: the paper's tests, and tests for unpaired samples."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -36,9 +36,9 @@ HEAD_QUESTION = Question("head positions", table="Head positions by axis")
 def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
     """All tests of torso heights, then of head positions, for each group and posture.
 
-    The signed-rank test (as in the paper) pairs each trial with a person sampled for its task, in order; the pairs are
-    arbitrary. Mann-Whitney and, for positions, the energy test compare unpaired samples: one value for each participant
-    with all sampled people.
+    The signed-rank test (as in the paper) pairs each trial with a person sampled for its task, in order. These pairs
+    are arbitrary. Mann-Whitney's test and, for positions, the energy test compare unpaired samples: one value for each
+    participant, and all sampled people.
     """
     return [family for group in groups for family in _families(group, people)]
 
@@ -109,13 +109,13 @@ def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, n
 def _against(
     trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTest
 ) -> Comparison:
-    """The comparison of participants with the people of a population."""
+    """The comparison of participants' values ``own`` with the values ``others`` of population ``name``."""
     participants = len({row.participant for row in trials})
     return Comparison(quantity, ("participants", own), (name, others), found, participants)
 
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
-    """For each trial the next sampled person of its task; the first person follows the last."""
+    """Pair each trial with the next sampled person of its task; after the last person, start again."""
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[PersonRow] = []

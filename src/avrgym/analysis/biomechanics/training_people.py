@@ -1,4 +1,4 @@
-"""People sampled from the policies' training populations."""
+"""Sample people from the training populations of the policies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -53,20 +53,20 @@ TRAINING_PEOPLE: Mapping[str, Distribution] = {
     "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
     "revised": _REVISED,
 }
-"""Training populations. The second separates the effect of heights from that of waists, as in the paper."""
+"""Training populations. The second varies only heights, to separate their effect from the waist's (as in the paper)."""
 HEIGHT_DISTRIBUTIONS = ("original", "revised")
 """The populations with different torso heights."""
 
 
 def posture_of(task: str) -> str:
-    """The posture of people in a task: ``seated`` or ``in bed``."""
+    """The posture of the person in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
     seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
     return "seated" if seated else "in bed"
 
 
 def sample_training_people(design: Design) -> list[PersonRow]:
-    """``PEOPLE_PER_TASK`` people of each population for each task, sampled as in training."""
+    """Sample ``PEOPLE_PER_TASK`` people from each population for each task, as training does."""
     return [
         row
         for name, task in product(TRAINING_PEOPLE, design.tasks)
@@ -75,7 +75,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 
 
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
-    """The seeds depend only on population and task."""
+    """People of one population and task. The seeds depend only on these two."""
     scene = TASKS[task].scene(ROBOTS[robot])
     rng = random_streams.training_people(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
@@ -104,12 +104,12 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
-    """Head positions (n, 3) of a population's people in a posture, world frame."""
+    """Head positions (n, 3) of a population's people in a posture, in the world frame."""
     return np.array(
         [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]
     )
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
-    """Head centre in the world frame, metres."""
+    """Centre of the head in the world frame, in metres."""
     return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

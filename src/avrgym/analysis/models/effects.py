@@ -13,20 +13,20 @@ from avrgym.study.design.design import Design
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
 EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
 TASK_GROUPS = "tasks"
-"""A nuisance effect: it is in the models, but not reported."""
+"""A nuisance effect: it is part of the models, but is not reported."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
 Group = tuple[str, str]
-"""A kind of effect, and a group of trials in it."""
+"""Kind of effect and name of a group of trials, such as ``("policies", "original")``."""
 
 
 @dataclass(frozen=True)
 class TrialValue:
-    """A value of one trial, with its position in the study.
+    """The dependent variable of one trial, and the trial's position in the session.
 
     ``block_position``: position of the task's block, from 0 (first) to 1 (last). ``position_in_block``: position of the
-    trial in that block, from 0 to 1. ``previous_policy``: policy of the previous trial of the block, with practice;
-    ``None`` for the first.
+    trial in its block, from 0 to 1. ``previous_policy``: policy of the previous trial of the block, practice included;
+    ``None`` for the first trial.
     """
 
     participant: str
@@ -41,7 +41,7 @@ class TrialValue:
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of interest: its kind, and the two groups that it compares."""
+    """An effect of interest: its kind, and the two groups that are compared."""
 
     kind: str
     group_a: str
@@ -50,14 +50,17 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Columns (n, p) of a model without constant, by kind and group; ``reference_groups`` are the reference groups."""
+    """Design matrix (n, p) without intercept; ``groups`` are the kind and group of each column.
+
+    The groups in ``reference_groups`` have no column.
+    """
 
     groups: tuple[Group, ...]
     reference_groups: frozenset[Group]
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
-        """Contrast vector (p,) of an effect; raises ``FitError`` if the trials cannot identify it."""
+        """Contrast vector (p,) of an effect. Raises ``FitError`` if the trials do not identify the effect."""
         weights = np.zeros(len(self.groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
             if group in self.groups:
@@ -68,7 +71,7 @@ class DesignMatrix:
 
 
 def effects(design: Design) -> tuple[Effect, ...]:
-    """All effects of interest in a design."""
+    """All effects of interest of a study design."""
     found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
@@ -82,12 +85,12 @@ def effects(design: Design) -> tuple[Effect, ...]:
 
 
 def after_policy(policy: str) -> str:
-    """The group of trials that followed one with a policy."""
+    """Name of the group of trials whose previous trial had ``policy``."""
     return f"after {policy}"
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
-    """The linearly independent columns of these trials, in order of importance."""
+    """Build the design matrix of these trials. Columns that depend linearly on earlier columns are omitted."""
     groups: list[Group] = []
     reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
@@ -103,7 +106,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
-    """A column for each group; the first group of a kind is the reference and has none."""
+    """A column for each group, in order of importance; ``None`` for the reference group of each kind."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
@@ -118,7 +121,7 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Indicator of a group: 1 or 0. Trials without group get the mean of all groups."""
+    """Indicator column (0 or 1) of each group. Trials without a group get the mean of all groups."""
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):
         share = 1.0 / len(present)

@@ -12,12 +12,12 @@ CONFIDENCE_LEVEL = 0.95
 
 
 class FitError(Exception):
-    """The data do not identify the model or effect; the message contains the reason."""
+    """The data do not identify the model or the effect."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An effect with standard error, degrees of freedom (Student's t), 95 % interval and p.
+    """Estimate of an effect with standard error, degrees of freedom (Student's t), 95 % confidence interval and p.
 
     ``note``: warnings about the model, or empty.
     """
@@ -32,7 +32,7 @@ class Estimate:
 
     @classmethod
     def of(cls, value: float, variance: float, df: float) -> "Estimate":
-        """An estimate with Student's t; raises ``FitError`` without variance."""
+        """Interval and p of an estimate by Student's t. Raises ``FitError`` if the variance is not positive."""
         if not variance > 1e-16 * max(1.0, value**2):
             raise FitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
@@ -42,8 +42,8 @@ class Estimate:
 
 
 class Fitted(Protocol):
-    """A model that was fitted."""
+    """A fitted model."""
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """The effect ``contrast @ coefficients``, of the columns of the model's design matrix."""
+        """Estimate of ``contrast @ coefficients``; contrast (p,) belongs to the columns of the design matrix."""
         ...

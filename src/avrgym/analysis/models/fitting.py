@@ -1,4 +1,4 @@
-"""Select and fit the model of a quantity, and estimate every effect."""
+"""Choose and fit the regression model of a quantity, and estimate every effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,15 +16,18 @@ from avrgym.study.design.design import Design
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 EffectEstimates = Mapping[Effect, Estimate | FitError]
 RANDOM_EFFECT_OF = {POLICIES: "policy", ROBOTS: "robot"}
-"""By kind of effect, the condition to which participants respond differently."""
+"""Random effect by kind of effect: participants may respond differently to policies and to robots."""
 UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
-    """Values without tasks and robots that have all values at one end of the scale; and a note with their names.
+    """Drop each task and robot with all values at one end of the scale (complete separation).
 
-    The effect of such a task has no bound, and the task gives no information about the other effects. These are
-    estimated without it.
+    The effect of such a group is unbounded, and the group contains no information about other effects. Mixed models
+    keep all groups.
+
+    Returns:
+        The other values, and a note with the names of the dropped groups; empty if none was dropped.
     """
     kept, left_out = list(observed), list[str]()
     if model == MIXED or len({each.value for each in observed}) < 2:
@@ -52,7 +55,7 @@ def _robot(observed: TrialValue) -> str:
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> EffectEstimates:
-    """Each effect in a model of these values, or the error that prevents its estimate."""
+    """Fit the model and estimate each effect, or return the ``FitError`` that prevents its estimate."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(wanted, FitError("all values are equal" if observed else "there are no values"))
     observed, _ = drop_constant_groups(model, observed)
@@ -76,7 +79,7 @@ def _estimate(fitted: Fitted, names: DesignMatrix, effect: Effect) -> Estimate |
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> Fitted:
-    """Fit a model with participants as clusters; raises ``FitError`` if the values do not identify it."""
+    """Fit a model with participants as clusters. Raises ``FitError`` if the values do not identify it."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
         raise FitError(f"fewer than {MIN_PARTICIPANTS} participants")
@@ -90,12 +93,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
-    """The warning about random effects with zero variance; empty without any."""
+    """A warning about random effects with zero variance; empty if there is none."""
     return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
 class _WithConstant:
-    """A model with a constant as its first coefficient; contrasts omit the constant. Estimates get ``note``."""
+    """A fitted model with an intercept. Contrasts omit the intercept; estimates get ``note``."""
 
     def __init__(self, fitted: Fitted, note: str) -> None:
         self._fitted, self._note = fitted, note
@@ -105,9 +108,9 @@ class _WithConstant:
 
 
 def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
-    """Labels of the random effects: participant, and participant by policy, robot and task.
+    """Labels (n,) of each random effect: participant, and participant by policy, robot and task.
 
-    Effects without information are omitted: labels that equal the participant, and labels that no two values share.
+    An effect is omitted if its labels equal those of the participant, or if no two values have the same label.
     """
     whole = [each.participant for each in observed]
     finer = {

@@ -1,10 +1,10 @@
-"""Linear mixed models for values of participants with random effects of participants and conditions.
+"""Linear mixed models: values of participants with random effects of participants and conditions.
 
-y = X β + e. The covariance of a cluster's values is a sum of known matrices, each multiplied by a variance. Restricted
-maximum likelihood estimates the variances (Patterson and Thompson, Biometrika 58, 1971) by Fisher scoring. A variance
-can be negative if all covariances are positive definite: with a bound at zero, tests of few participants have too many
-false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53, 1997). For one
-effect at a time these are Satterthwaite's with the adjusted covariance.
+y = X β + e. The covariance of a cluster's values is Σ_a σ_a² G_a: known matrices, each times a variance. Restricted
+maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) estimates the variances by Fisher scoring. A variance
+may be negative if all covariances stay positive definite: with a bound at zero, tests of few participants have too
+many false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53, 1997). For
+a single effect, the degrees of freedom are Satterthwaite's, with the adjusted covariance.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 8
 TOLERANCE = 1e-10
 SINGULAR = 1e-8
-"""A random effect is at zero if its variance is at most this share of the residual variance."""
+"""A random effect counts as zero if its variance is at most this share of the residual variance."""
 NOT_CONVERGED = "the values do not separate variance between and within participants"
 
 
@@ -28,8 +28,9 @@ NOT_CONVERGED = "the values do not separate variance between and within particip
 class MixedFit:
     """Coefficients (p,), variances (v,) with the residual variance last, and covariances.
 
-    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``slopes`` (v, p, p): the
-    derivatives of ``covariance`` by each variance. ``variance_covariance`` (v, v): the covariance of the variances.
+    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``slopes`` (v, p, p):
+    derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance of the
+    estimated variances.
     """
 
     coefficients: FloatArray
@@ -41,12 +42,12 @@ class MixedFit:
 
     @property
     def zero_variances(self) -> list[int]:
-        """Indices of random effects with zero or negative variance; with any the fit is singular."""
+        """Indices of random effects with zero or negative variance. If there are any, the fit is singular."""
         *groups, single = self.variances.tolist()
         return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Estimate of a contrast (p,), with Student's t."""
+        """Estimate of a contrast (p,), by Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
         spread = float(slopes @ self.variance_covariance @ slopes)
@@ -58,7 +59,7 @@ class MixedFit:
 
 @dataclass(frozen=True, eq=False)
 class _Cluster:
-    """Values (n,), their design matrix (n, p), and the matrix (v, n, n) of each variance."""
+    """Values (n,), design matrix (n, p), and the matrices (v, n, n) that the variances multiply."""
 
     values: FloatArray
     design: FloatArray
@@ -67,7 +68,7 @@ class _Cluster:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Restricted log-likelihood, score, information and estimates for given variances."""
+    """Restricted log-likelihood, score, information and estimates at given variances."""
 
     likelihood: float
     score: FloatArray
@@ -81,14 +82,14 @@ class _State:
 def fit_mixed(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
 ) -> MixedFit:
-    """Fit values (n,) by a design matrix (n, p) with a constant.
+    """Fit a linear mixed model to values (n,).
 
     Args:
-        values: the dependent variable.
-        design: the fixed effects.
+        values: the dependent variable (n,).
+        design: the design matrix (n, p) of the fixed effects, with an intercept.
         clusters: cluster of each value (n,); values of different clusters are independent.
         groupings: random effects within clusters. Labels (n,): equal labels share a random intercept. Covariates
-            (n, k): random slopes with one variance.
+            (n, k): random slopes with one common variance.
 
     Raises:
         FitError: if the values do not identify effects or variances.
@@ -97,7 +98,9 @@ def fit_mixed(
     if np.ptp(given) == 0.0:
         raise FitError("all values are equal")
     if np.linalg.matrix_rank(design) < design.shape[1] or len(given) <= design.shape[1]:
-        raise FitError("the design does not identify all effects")
+        raise FitError(
+            "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values"
+        )
     scale = float(given.std())
     own = list(_clusters(given / scale, design, np.asarray(clusters), groupings))
     state, variances = _maximise_likelihood(own, len(groupings) + 1)
@@ -128,7 +131,7 @@ def _clusters(
 
 
 def _part(grouping: FloatArray) -> FloatArray:
-    """The matrix that a variance multiplies: 1 for equal labels, or products of covariates."""
+    """The matrix (n, n) that a variance multiplies: 1 for equal labels, or the product of covariates."""
     if grouping.ndim == 1:
         return (grouping[:, None] == grouping).astype(float)
     return grouping @ grouping.T
@@ -152,7 +155,10 @@ def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_Sta
 def _take_step(
     clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
 ) -> tuple[FloatArray, _State | None]:
-    """Variances and state after a step, halved until the likelihood does not decrease; no state if it always does."""
+    """Variances and state after a step. The step is halved until the likelihood does not decrease.
+
+    The state is ``None`` if the likelihood decreases after ``MAX_HALVINGS`` halvings too.
+    """
     for _ in range(MAX_HALVINGS):
         tried = _state(clusters, variances + step)
         if tried is not None and tried.likelihood >= state.likelihood - 1e-12:
@@ -162,7 +168,7 @@ def _take_step(
 
 
 def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
-    """The state for these variances; ``None`` if a covariance is not positive definite.
+    """The state at these variances; ``None`` if a covariance is not positive definite.
 
     W is the inverse of a cluster's covariance, G_a the matrix of variance a. ``singles`` is the sum of Xᵀ W G_a W X
     over clusters, ``pairs`` the sum of Xᵀ W G_a W G_b W X.

@@ -1,4 +1,4 @@
-"""Regression models of each quantity of a study's trials."""
+"""Regression models of the quantities that a study measures in trials."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ NO_ODDS_RATIO = f"{NO_ESTIMATE}, or the model is mixed"
 
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
-    """An effect in a regression model of a ``quantity``: the difference of ``group_a`` from ``group_b``."""
+    """One effect in the regression model of ``quantity``: the difference between ``group_a`` and ``group_b``."""
 
     simulated: IsSimulated
     questionnaire: Annotated[str, Column("Questionnaire of the quantity.", empty="success and reward")] = ""
@@ -106,19 +106,19 @@ class ModelRow:
 
 
 MAX_ORDINAL_POINTS = 11
-"""Answers on longer scales are modelled as numbers."""
+"""Answers on scales with more points have a mixed model (as continuous values)."""
 SUCCESS, REWARD = "success", "reward"
 ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
-"""The tables that contain the values of a group."""
+"""The tables from which values come."""
 TrialKey = tuple[str, int]
 """Pseudonym and position of a trial."""
 
 
 @dataclass(frozen=True)
 class ModelGroup:
-    """Quantities that are corrected together, the type of model of each, and the source of their values.
+    """Quantities with tests that are corrected together, the kind of model of each, and the table of their values.
 
-    ``questionnaire``: the questionnaire of answers and scores.
+    ``questionnaire``: the questionnaire of answers or scores; otherwise empty.
     """
 
     name: str
@@ -127,12 +127,12 @@ class ModelGroup:
     questionnaire: str = ""
 
     def family(self, kind: str) -> str:
-        """The family of effects of one kind. Its tests are corrected together."""
+        """Name of the family of tests of one kind of effect. Its tests are corrected together."""
         return f"{kind}, {self.name}"
 
 
 def model_groups(design: Design) -> Iterator[ModelGroup]:
-    """The groups of quantities in a design."""
+    """The model groups of a study design."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
@@ -153,7 +153,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of model effects by name, each with its quantities. A plan can name them."""
+    """The families of model effects by name, each with its quantities. The analysis plan can name them."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)
@@ -166,7 +166,7 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def trial_values(
     design: Design, seen: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
-    """Values of each quantity of a group in the counted trials of people, or of simulated participants."""
+    """Values of each quantity of a group in counted trials, of people or of simulated participants."""
     counted = {
         (row.participant, row.position) for row in seen.trials if row.counted and row.simulated is simulated
     }
@@ -179,7 +179,7 @@ def trial_values(
 
 
 def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
-    """Quantity, trial and value of all trials."""
+    """Quantity, trial and value from the group's table."""
     if source.rows == ANSWERS:
         for row in seen.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
@@ -198,7 +198,7 @@ def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 
 
 def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
-    """Position of every completed trial in its participant's session, without practice; the values are still zero."""
+    """The position of every completed trial in its session, without practice. All values are zero."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
     block, place = 0, 0
@@ -220,8 +220,9 @@ def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[Tria
 
 
 def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> list[ModelRow]:
-    """Every effect of every quantity, separately for people and simulated participants; those in a plan are
-    confirmatory.
+    """Every effect on every quantity, separately for people and simulated participants.
+
+    Effects in ``plan`` are confirmatory.
     """
     rows: list[ModelRow] = []
     for simulated in sorted({row.simulated for row in seen.trials if row.counted}):
@@ -233,7 +234,7 @@ def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> lis
 def group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """The effects of a group's quantities, by kind. Effects of one kind are corrected together."""
+    """All effects on a group's quantities, by kind, with corrected p."""
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
     for kind in EFFECTS:
@@ -277,7 +278,7 @@ def _quantity_rows(
 def _leave_one_out(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> list[EffectEstimates]:
-    """The effects in leave-one-participant-out models."""
+    """Estimates of the effects in all leave-one-participant-out models."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
         estimate_effects(design, model, [each for each in observed if each.participant != name], wanted)
@@ -305,7 +306,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
 
 
 def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
-    """The row with the range of its effect over leave-one-participant-out models."""
+    """The row with the range of its estimates over the leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
         return row
@@ -321,6 +322,6 @@ def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -
 
 
 def _label(plan: Plan | None, row: ModelRow) -> str:
-    """Confirmatory if a hypothesis of the plan contains the effect, otherwise exploratory."""
+    """Status by the plan: confirmatory if a hypothesis contains the effect, otherwise exploratory."""
     judged = plan is not None and plan.hypotheses_of(row.family, row.quantity)
     return CONFIRMATORY if judged else EXPLORATORY

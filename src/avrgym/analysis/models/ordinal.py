@@ -1,10 +1,10 @@
-"""Proportional odds models for ordered answers (logistic regression for two), with participants as clusters.
+"""Proportional odds models of ordinal answers, with participants as clusters (two categories: logistic regression).
 
 P(Y ≤ k) = 1 / (1 + exp(x β − θ_k)) (McCullagh, J. R. Statist. Soc. B 42, 1980). A positive β makes higher answers more
-probable; exp(β) is an odds ratio. Estimates are from generalised estimating equations with independence as the working
-correlation. The covariance is robust to any dependence within a participant (Liang and Zeger, Biometrika 73, 1986).
-With few participants that covariance is too small. Residuals of each participant are therefore divided by one minus
-their leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its root (Kauermann and Carroll, J. Am. Statist. Assoc.
+probable; exp(β) is an odds ratio. Generalised estimating equations with independence as the working correlation give
+the estimates. The covariance is robust to any dependence within a participant (Liang and Zeger, Biometrika 73, 1986),
+but too small for few participants. The residuals of each participant are therefore divided by one minus their
+leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its square root (Kauermann and Carroll, J. Am. Statist. Assoc.
 96, 2001).
 """
 
@@ -20,9 +20,9 @@ MAX_ITERATIONS = 60
 TOLERANCE = 1e-12
 NOT_IDENTIFIED = "the values do not identify all effects"
 MAX_LOG_ODDS = 12.0
-"""Effects of more log odds than this grow without bound: groups are separated."""
+"""Larger effects (in log odds) count as unbounded: the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
-"""Residuals are divided by this power of one minus the leverage."""
+"""Corrections: residuals are divided by one minus the leverage, to this power."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class OrdinalFit:
     clusters: int
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Estimate of a contrast (p,) in log odds; Student's t with one degree of freedom less than clusters."""
+        """Estimate of a contrast (p,) in log odds. Student's t has one degree of freedom fewer than clusters."""
         variance = float(contrast @ self.covariance @ contrast)
         return Estimate.of(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
@@ -43,10 +43,16 @@ class OrdinalFit:
 def fit_ordinal(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
 ) -> OrdinalFit:
-    """Fit answers (n,) by a design matrix (n, p) without constant, with clusters (n,).
+    """Fit a proportional odds model to answers (n,).
+
+    Args:
+        values: the answers (n,).
+        design: the design matrix (n, p) without intercept.
+        clusters: cluster of each answer (n,).
+        correction: the covariance's correction for few clusters.
 
     Raises:
-        FitError: if all answers are equal, an effect has no bound, or one cluster alone determines an effect.
+        FitError: if all answers are equal, an effect is unbounded, or one cluster alone determines an effect.
     """
     levels, answered = np.unique(np.asarray(values), return_inverse=True)
     if len(levels) < 2:
@@ -63,9 +69,9 @@ def fit_ordinal(
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
-    """Covariance (p, p) of the estimates, from the score (c, p) and expected information (c, p, p) of each cluster.
+    """Covariance (p, p) of the estimates, from each cluster's score (c, p) and expected information (c, p, p).
 
-    L is the root of the inverse of the total information; Lᵀ information L is a cluster's leverage.
+    The leverage of a cluster is Lᵀ I L. I is the cluster's information, and L Lᵀ the inverse of the total information.
     """
     root = _root_of_inverse(information.sum(axis=0))
     leverage: FloatArray = root.T @ information @ root
@@ -86,7 +92,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
-    """Maximum likelihood estimates (thresholds, then coefficients), by Fisher scoring."""
+    """Maximum likelihood estimates by Fisher scoring: thresholds, then coefficients."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
@@ -117,8 +123,9 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
 def _derivatives(
     parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Log-likelihood, score (n, q) and expected information (n, q, q) of each answer; −∞ if thresholds are not in
-    order.
+    """Log-likelihood, score (n, q) and expected information (n, q, q) of each answer.
+
+    The log-likelihood is −∞ if the thresholds are not in order.
     """
     count, width = design.shape
     below = 0.5 + 0.5 * np.tanh(0.5 * (parameters[:thresholds] - (design @ parameters[thresholds:])[:, None]))

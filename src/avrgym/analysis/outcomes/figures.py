@@ -25,20 +25,20 @@ from avrgym.study.design.design import Design
 
 TICK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION = "simulation"
-"""The label of policies in simulation."""
+"""Legend label of results in simulation."""
 
 
 # Objective measures
 
 
 def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Success of each condition with its interval, next to simulation."""
+    """Success rate of each condition with its confidence interval, next to the result in simulation."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
 def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Mean reward of each condition with its interval, next to simulation."""
+    """Mean reward of each condition with its confidence interval, next to the result in simulation."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
 

@@ -1,4 +1,4 @@
-"""Reward and success of each condition, the same in simulation, and tests between policies."""
+"""Reward and success of each condition in VR and in simulation, and tests between policies."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -32,9 +32,9 @@ _NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The counted trials of a condition.
+    """Results of the counted trials of a condition.
 
-    Rows of all tasks have no reward, because rewards of different tasks are not comparable.
+    Rows for all tasks together have no reward, because rewards of different tasks are not comparable.
     """
 
     simulated: IsSimulated
@@ -69,7 +69,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationResult:
-    """Results in simulation from the file of a policy."""
+    """Results of a policy in simulation; the source is the policy file."""
 
     simulation_population: Annotated[
         str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
@@ -104,15 +104,14 @@ class SimulationResult:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveRow(SimulationResult, Outcome):
-    """A condition's counted trials, and results of the same policy in simulation."""
+    """Results of a condition's counted trials, next to the results of the same policy in simulation."""
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
-    """A row for each condition, and for each robot and policy over all tasks; people and simulated participants
-    separately.
+    """A row for each condition, and for each robot and policy over all tasks.
 
-    Reward intervals are Student's t over trials, each of another participant. Success intervals account for several
-    trials of one participant.
+    People and simulated participants have separate rows. Reward intervals use Student's t over trials, each of another
+    participant. Success intervals account for several trials of one participant.
     """
     design = store.design
     beside = {
@@ -137,7 +136,7 @@ def _condition(
 
 
 def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """The outcome of a condition; ``ALL`` combines all tasks."""
+    """Results of the counted trials of a condition; task ``ALL`` means all tasks together."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
@@ -160,7 +159,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Success of each trial, in lists by participant."""
+    """Success of each trial, one list for each participant."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -170,7 +169,7 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """Mean and 95 % interval; ``None`` for results that need more values."""
+    """Mean and 95 % confidence interval. A result is ``None`` if there are too few values for it."""
     if not values:
         return None, None, None
     mean = fmean(values)
@@ -178,9 +177,9 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 
 
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
-    """Results of the study's policy for an environment in simulation, with its training population.
+    """Results of the study's policy in simulation, on its training population.
 
-    Training measured them and stored them in the policy's file.
+    Training measured these results and stored them in the policy file.
     """
     try:
         source = store.policy_source(environment, policy)
@@ -199,7 +198,7 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Success over all tasks, if every task was measured; rewards of tasks are not comparable."""
+    """Success over all tasks, if every task was measured. Rewards of different tasks are not comparable."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was measured in simulation")
@@ -218,7 +217,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
 def _as_measured(
     people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
 ) -> SimulationResult:
-    """Results with intervals; ``deviation`` is the population standard deviation of episodes, as in evaluations."""
+    """Results with confidence intervals; ``deviation`` is the population standard deviation over episodes."""
     sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
     low, high = t_interval(mean, sample_deviation, episodes)
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
@@ -250,11 +249,11 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""The value of each quantity in a trial."""
+"""Each quantity, and the function that returns its value in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The family of these tests by name, with its quantities; empty for a single policy."""
+    """The families of these tests by name, each with its quantities; empty if the design has a single policy."""
     return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 

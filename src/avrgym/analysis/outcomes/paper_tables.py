@@ -1,4 +1,4 @@
-"""The paper's tables: mean reward and success by task and robot, with mean success in the last row.
+"""The paper's tables: mean reward and success by task and robot. The last row is mean success over all tasks.
 
 Table I compares simulation with virtual reality for one policy (in the paper: Original). Table II compares policies in
 virtual reality.
@@ -18,7 +18,7 @@ from avrgym.system.columns import columns_of
 
 @dataclass(frozen=True)
 class Cell:
-    """A mean reward and a success rate in 0..1; ``None`` if unknown."""
+    """Mean reward and success rate (0 to 1); ``None`` if unknown."""
 
     reward: float | None
     success: float | None
@@ -29,7 +29,7 @@ EMPTY_CELL = Cell(None, None)
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table for one group of participants: a row of cells for each task, and one for all tasks."""
+    """A table about people or about simulated participants: a row of cells for each task and for all tasks."""
 
     name: str
     caption: str
@@ -47,13 +47,13 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
 
 
 SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
-"""The two sides of table I, each with the cell of a condition."""
+"""The two sides of table I, each with the function that returns the cell of a condition."""
 Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 """Robot, policy and the function that returns the cell of that condition."""
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Table I for each policy, then table II, for each group of participants.
+    """Table I for each policy, then table II; first for people, then for simulated participants.
 
     A robot without results in simulation has no column for simulation.
     """
@@ -85,7 +85,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 def _cells(
     design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
 ) -> dict[str, tuple[Cell, ...]]:
-    """Cells by column for each task, and for all tasks. ``rows`` are by task, robot and policy."""
+    """The cells of each task and of all tasks; ``rows`` are by task, robot and policy."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
         for task in (*design.tasks, ALL)
@@ -93,7 +93,10 @@ def _cells(
 
 
 def file_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """The same tables for files: one column for each reward and success; groups of participants in successive rows."""
+    """The tables for files, with separate columns for reward and success.
+
+    Rows about people are first, then rows about simulated participants.
+    """
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]
         heads = [f"{column} {metric}" for column in own[0].columns for metric in ("reward", "success")]

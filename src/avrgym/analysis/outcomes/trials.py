@@ -1,4 +1,4 @@
-"""The trials of one group of participants in the report: an overview, and the time course of each trial."""
+"""Section of the report about trials: an overview, and the time course of each trial."""
 
 from collections.abc import Sequence
 from urllib.parse import quote
@@ -10,7 +10,7 @@ from avrgym.analysis.reading.study_data import StudyData
 
 
 def trials_section(observed: StudyData, simulated: bool, study_link: str) -> Markup:
-    """Every planned trial, also trials that did not run. Trials with a recording have details."""
+    """All planned trials, including those that did not run. Trials with a recording have details."""
     rows = [row for row in observed.trials if row.simulated is simulated]
     opened = [_trial(observed, row, study_link) for row in rows if row.recording is not None]
     return tag(
@@ -53,7 +53,7 @@ def _counted(row: TrialRow) -> str:
 
 
 def _share(share: float | None) -> str:
-    """The share of a trial with lost tracking, as a percentage."""
+    """The share of time with tracking loss as a percentage."""
     return "–" if share is None else f"{100 * share:.1f} %"
 
 
@@ -122,7 +122,7 @@ def _answers(rows: Sequence[AnswerRow]) -> Markup:
 
 
 def _ends(row: AnswerRow) -> str:
-    """The range of an answer's scale; empty if the design no longer has its item."""
+    """The range of the answer's scale; empty if the design has no such item."""
     return "" if row.minimum is None else f" ({row.minimum} to {row.maximum})"
 
 

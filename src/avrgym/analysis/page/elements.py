@@ -1,4 +1,4 @@
-"""Elements of HTML reports: one file without external resources, for narrow and wide screens."""
+"""HTML elements of reports. A report is one file without external resources, for narrow and wide screens."""
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -54,7 +54,7 @@ figure svg { display: block; width: 100%; height: auto; }
 
 
 class Markup(str):
-    """HTML text. Other text is escaped."""
+    """HTML source. Text of other types is escaped."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
@@ -67,12 +67,12 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join(parts: Sequence[Markup]) -> Markup:
-    """Concatenates elements."""
+    """Concatenate elements."""
     return Markup("".join(parts))
 
 
 def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
-    """Writes a page; creates its folder if needed."""
+    """Write a page and, if needed, its folder. Returns the path."""
     head = tag("title", title) + tag("style", Markup(CSS))
     body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
     page = (
@@ -96,7 +96,7 @@ def badge(text: str) -> Markup:
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """Names with values."""
+    """A list of names with their values."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
@@ -128,17 +128,17 @@ def table(
 
 
 def short_number(value: float | None) -> str:
-    """A number with three significant digits."""
+    """The number as text with three significant digits."""
     return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:
-    """A number with its unit."""
+    """The number as text with ``digits`` decimals and its unit; ``absent`` if there is none."""
     return absent if value is None else f"{value:z.{digits}f} {unit}".rstrip().replace("-", "−")
 
 
 def time_text(at: str | None) -> str:
-    """A stored time (ISO 8601) to the minute."""
+    """A time stamp (ISO 8601) as text, to the minute."""
     return "unknown" if at is None else datetime.fromisoformat(at).strftime("%Y-%m-%d %H:%M")
 
 
@@ -148,7 +148,7 @@ def count_text(number: int, noun: str) -> str:
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """A percentage with its confidence interval, if it has one."""
+    """A rate (0 to 1) as a percentage, with its confidence interval if there is one."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -156,13 +156,13 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
 
 
 def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
-    """An effect size with its 95 % confidence interval, if it has one."""
+    """An effect size as text, with its 95 % confidence interval if there is one."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends
 
 
 def p_text(p: float | None) -> str:
-    """A p value with three decimals."""
+    """A p value as text with three decimals."""
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
@@ -177,5 +177,5 @@ def empty_section(title: str, text: str) -> Markup:
 
 
 def group_caption(caption: str, simulated: bool) -> str:
-    """A caption, marked if it is about simulated participants."""
+    """The caption; if it is about simulated participants, with a mark."""
     return f"{caption} (simulated participants)" if simulated else caption

@@ -1,6 +1,6 @@
-"""Line charts of a trial: small SVG in the colours of the page.
+"""Line charts of a trial, as small SVG in the colours of the page.
 
-They do not use matplotlib: a report has three for each trial, and matplotlib needs 60 ms for one instead of 0.4 ms.
+A report has three charts for each trial. A chart takes 0.4 ms here, and 60 ms with matplotlib.
 """
 
 import math
@@ -15,13 +15,13 @@ WIDTH, HEIGHT = 460, 200
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38
 COLOURS = 6
 LEGEND_LINE_HEIGHT = 16
-"""Height of a line of the legend below a chart."""
+"""Height of a legend line below a chart."""
 
 
 def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]) -> Markup:
     """Distance, contact force and accumulated reward terms of a trial over time.
 
-    Terms without a weight are unweighted. Terms that are always zero are omitted.
+    A term without a weight is not multiplied. Terms that are always zero are omitted.
     """
     terms = {
         name: list(accumulate(weights.get(name, 1.0) * step.reward_terms.get(name, 0.0) for step in steps))
@@ -40,7 +40,7 @@ def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Ma
 def line_chart(
     caption: str, unit: str, times_s: Sequence[float], lines: Mapping[str, Sequence[float]]
 ) -> Markup:
-    """A figure of values over time in seconds, one line for each name; several lines have a legend.
+    """A chart of values over time, with a line for each name, and a legend for several lines.
 
     Values that are not finite are omitted.
     """
@@ -73,14 +73,14 @@ def _finite(times_s: Sequence[float], values: Sequence[float]) -> list[tuple[flo
 
 
 def _without_plateaus(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The points, without those between two points of the same value."""
+    """The points, except those with the same value as both neighbours."""
     inner = zip(points, points[1:], points[2:], strict=False)
     kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
     return [*points[:1], *kept, *points[1:][-1:]]
 
 
 def _axis(low: float, high: float) -> tuple[float, float, float]:
-    """Limits and step of an axis that contains both values: round numbers, about four steps."""
+    """Lower limit, upper limit and tick distance of an axis for these values; round numbers, about four ticks."""
     span = max(high - low, 1e-3)
     power = 10.0 ** math.floor(math.log10(span / 4.0))
     step = next(step for step in (power, 2 * power, 5 * power, 10 * power) if span / step <= 5.0)

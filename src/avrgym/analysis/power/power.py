@@ -1,4 +1,4 @@
-"""Power of a study's tests, from simulated studies with the same analysis."""
+"""Statistical power of a study's tests, estimated from simulated studies that are analysed in the same way."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,21 +32,21 @@ from avrgym.system.jobs import report, run_all
 ALPHA = 0.05
 GOALS = (0.8, 0.9)
 CHUNK = 100
-"""Number of studies that a process simulates at a time."""
+"""Number of studies in one job of a process."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 Probability = float | None
 Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
-"""p by test and measure, without and with correction over all primary results."""
+"""By test and measure: p, and p after correction over all primary results."""
 
 
 @dataclass(frozen=True)
 class PowerRow:
-    """Power of a test of ``measure`` to find an ``effect``, in points of a seven-point scale.
+    """Power of one test of ``measure`` at one effect size, in points of a seven-point scale.
 
-    ``participants`` completed each study. ``power``: share of studies with p below 0.05. ``corrected_power``: the same
-    after correction over all primary results. Intervals are Wilson's, 95 %. Models are sensitivity analyses without
-    correction.
+    ``participants``: number of participants who completed each study. ``power``: share of studies with p below 0.05.
+    ``corrected_power``: share with p below 0.05 after correction over all primary results. Intervals: Wilson's, 95 %.
+    Models are sensitivity analyses without correction.
     """
 
     effect: float
@@ -63,7 +63,7 @@ class PowerRow:
 
 
 def default_sizes(design: Design) -> tuple[int, ...]:
-    """Default numbers of participants: multiples of the design's number of orders, and the planned number."""
+    """Default numbers of participants: multiples of the number of orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
@@ -79,19 +79,20 @@ def simulate_power(
     jobs: int,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> list[PowerRow]:
-    """Power of the primary tests and of the model of the first item, for each effect and number of participants.
+    """Estimate the power of the primary tests, and of the model of the first item.
 
-    Studies without an effect have the planned number of participants.
+    There is a row for each effect and number of participants. Studies without an effect have the planned number of
+    participants.
 
     Args:
         design: the design; its first questionnaire after trials is simulated.
-        assumptions: differences between answers apart from the effect.
-        effects: in points of a seven-point scale.
+        assumptions: the assumed variation of answers.
+        effects: effect sizes, in points of a seven-point scale.
         sizes: numbers of participants who complete a study.
         simulations: number of simulated studies for each effect and size.
-        seed: equal seeds give equal results, for any number of jobs.
+        seed: the same seed gives the same results, for any number of jobs.
         jobs: number of processes.
-        progress: called repeatedly with the number of finished studies and their total.
+        progress: called repeatedly with the number of finished studies and their total number.
 
     Raises:
         ValueError: if the design has no items after trials, or an effect is out of range.
@@ -113,13 +114,13 @@ def simulate_power(
 
 
 Counts = Mapping[tuple[str, str], tuple[int, int]]
-"""Number of studies with p below 0.05, and with corrected p below 0.05, by test and measure."""
+"""By test and measure: number of studies with p below 0.05, and with corrected p below 0.05."""
 
 
 def power_rows(
     counts: Sequence[Counts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
-    """The rows of one effect and number of participants, from the counts of the chunks."""
+    """The rows of one effect and number of participants; ``counts`` are those of the jobs."""
     rows: list[PowerRow] = []
     for test, measure in counts[0]:
         plain, corrected = np.sum([each[test, measure] for each in counts], axis=0).tolist()
@@ -144,7 +145,7 @@ def _count_and_report(
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
-    """Number of the simulated studies in which each test is significant."""
+    """Number of simulated studies in which each test is significant."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
@@ -168,10 +169,10 @@ def _is_significant(p: Probability) -> bool:
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
-    """p of each test with and without correction, as in the analysis.
+    """p and corrected p of each test, computed as in the analysis.
 
-    The first item is tested against the midpoint with the last policy, each item between last and first policy.
-    Objective measures (participants, policies, measures) affect only the correction.
+    The last policy's first item is compared with the midpoint. Each item is compared between last and first policy.
+    The objective measures (participants, policies, measures) only affect the correction.
     """
     exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, MEAN_DECIMALS)
@@ -189,7 +190,7 @@ def p_values(
 
 
 Named = tuple[tuple[str, str] | None, FloatArray]
-"""Test and measure (``None``: its power is not reported), and the differences by participant."""
+"""Test and measure, or ``None`` if its power is not reported; and each participant's difference."""
 
 
 def _primary(
@@ -198,7 +199,7 @@ def _primary(
     means: FloatArray,
     objective: FloatArray,
 ) -> Iterator[Named]:
-    """The primary tests of a study."""
+    """The primary tests of a simulated study."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
@@ -218,7 +219,10 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float
 ) -> int | None:
-    """The smallest simulated number of participants from which on the corrected power reaches ``goal``, or ``None``."""
+    """Required number of participants: from this simulated number on, corrected power is at least ``goal``.
+
+    ``None`` if no simulated number is enough.
+    """
     own = sorted(
         (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),
         key=lambda row: row.participants,
@@ -232,9 +236,10 @@ def required_participants(
 
 
 def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:
-    """The family of the model of the first item after trials, and p of the last policy against the first.
+    """Test the last policy against the first one in the model of the first item after trials.
 
-    p is ``None`` if the answers do not identify the model.
+    Returns:
+        The name of the family, and p; ``None`` if the answers do not identify the model.
     """
     source = next(model_groups(design))
     model = next(iter(source.models.values()))
@@ -247,7 +252,7 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
 
 
 def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
-    """The trials with values (participants, tasks, robots, policies), in the order of each participant."""
+    """Values (participants, tasks, robots, policies) as trials, in each participant's order."""
     return [
         observed
         for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)

@@ -1,4 +1,4 @@
-"""Simulated answers of participants for a design, with assumed effects."""
+"""Simulate participants' answers in a study design, with assumed effects."""
 
 from dataclasses import dataclass, fields
 
@@ -14,20 +14,21 @@ from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 
 Answers = NDArray[np.int_]
-"""Answers of completed participants: (participants, tasks, robots, policies, items)."""
+"""Answers of participants who completed the study: (participants, tasks, robots, policies, items)."""
 SCALE_POINTS = 7
-"""Effects and deviations are in points of a scale of this length; longer scales stretch them."""
+"""Effects and deviations are in points of a scale with this number of points; other scales are in proportion."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Assumed variation of answers apart from the effect, as standard deviations in points of a seven-point scale.
+    """Assumed variation of answers, as standard deviations in points of a seven-point scale.
 
-    ``participant_sd``: leniency of participants. ``policy_sd``: preferences of participants for policies. ``task_sd``:
-    differences of tasks that all participants share. ``noise_sd``: residual. ``drift``: rise of ratings from the first
-    to the last trial of a session, in points. ``dropout``: share of participants who withdraw and are replaced.
+    ``participant_sd``: leniency of participants. ``policy_sd``: participants' preferences for policies. ``task_sd``:
+    differences between tasks that are the same for all participants. ``noise_sd``: residual. ``drift``: increase of
+    ratings from the first to the last trial of a session, in points. ``dropout``: share of participants who withdraw
+    and are replaced.
 
-    None of them is measured. Together they give answers a standard deviation of about 1.5 points.
+    None of these is measured. Together they result in a standard deviation of answers of about 1.5 points.
     """
 
     participant_sd: float = 0.8
@@ -48,18 +49,18 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """Midpoint of an item's scale; here every scale starts at 1."""
+    """Midpoint of an item's scale, if the scale starts at 1 (as in these simulations)."""
     return (1 + item.points) / 2
 
 
 class SimulatedStudies:
-    """Simulated studies of one design, by number. A number gives the same random values for every effect.
+    """Simulated studies of one design. Studies with the same number have the same random values for every effect.
 
     The first participants of a study do not depend on the number of participants.
     """
 
     def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
-        """Raises ``ValueError`` for a design without questionnaire after trials."""
+        """Raises ``ValueError`` if the design has no questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
             raise ValueError("the design has no questionnaire after trials: there is nothing to simulate")
@@ -71,9 +72,9 @@ class SimulatedStudies:
         self._points = np.array([item.points for item in asked[0].items])
 
     def answers(self, effect: float, participants: int, number: int) -> Answers:
-        """Answers of a study with this number of completed participants.
+        """Answers in study ``number`` with this number of completed participants.
 
-        Without noise, the last policy is rated ``effect`` points above the midpoint of the scale, all others at it.
+        Without noise, the last policy is rated ``effect`` points above the midpoint, and all others at the midpoint.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
         rng = random_streams.simulated_study(self._seed, number, 0)
@@ -96,20 +97,23 @@ class SimulatedStudies:
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
     def orders(self, participants: int, number: int) -> list[Order]:
-        """The order of trials of each participant who completes a study."""
+        """The order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
         orders = cell_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
     def objective(self, participants: int, number: int) -> FloatArray:
-        """Success, reward and force of the same study, without an effect of policies: (participants, policies, 3)."""
+        """Success, reward and force in study ``number``, without an effect of policies: (participants, policies, 3)."""
         rng = random_streams.simulated_study(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
-        """For enrolled participants (m,): whether they complete the study, and the numbers of their orders.
+        """Simulate allocation and dropout of enrolled participants, until enough of them complete the study.
 
-        Orders are assigned as in a study: a withdrawn participant's order becomes free.
+        Orders are assigned as in a real study: the order of a withdrawn participant is assigned again.
+
+        Returns:
+            Boolean mask (m,) of participants who complete the study, and the indices (m,) of their orders.
         """
         rng = random_streams.simulated_study(self._seed, number, 2)
         stays: list[bool] = []
@@ -121,7 +125,7 @@ class SimulatedStudies:
         return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> FloatArray:
-        """Position of each condition in the session, from 0 to 1: (orders, tasks, robots, policies)."""
+        """Position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
         orders = cell_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))

@@ -1,4 +1,4 @@
-"""Results of a power simulation as JSON, as a table for the terminal, and as sentences."""
+"""Results of a power simulation: JSON, a table for the terminal, and sentences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from avrgym.study.design.design import Design
 def power_summary(
     design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
-    """Assumptions, power, required numbers of participants and sentences, for JSON."""
+    """Assumptions, power, required numbers of participants and descriptions, for JSON."""
     return {
         "title": design.title,
         "seed": seed,
@@ -72,9 +72,9 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, go
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
-    """Sentences about the power of a study; ``participants`` must be one of the simulated numbers.
+    """Sentences about the power of tests of the first item; the simulation treats all items in the same way.
 
-    They are about the first item. The simulation treats all items alike.
+    ``participants`` must be one of the simulated numbers.
     """
     own = [row for row in rows if row.participants == participants and row.measure == rows[0].measure]
     taken_in = ceil(participants / (1.0 - assumptions.dropout))
@@ -93,7 +93,10 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
 
 
 def min_p_value(participants: int) -> float:
-    """The smallest possible p of a signed-rank test of this number of values, before and after correction."""
+    """Smallest possible p of a Wilcoxon signed-rank test with one value per participant.
+
+    Correction for multiple tests cannot make it smaller.
+    """
     return min(2.0 / 2.0**participants, 1.0)
 
 

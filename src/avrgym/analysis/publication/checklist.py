@@ -1,8 +1,8 @@
-"""Checklist of reporting recommendations for human-robot interaction: fields of a publication, given or missing.
+"""Checklist of reporting recommendations for human-robot interaction: each field, given or missing.
 
 Our selection follows Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
-(Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the flow
-of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
+(Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the
+participant flow of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 
 @dataclass(frozen=True)
 class ChecklistField:
-    """A recommended field: its value (empty if missing), and where to set it."""
+    """A recommended field, its value (empty if missing), and the place to set it."""
 
     field: str
     value: str
@@ -26,7 +26,7 @@ class ChecklistField:
 
 
 def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    """Every field, in the order of a publication."""
+    """All fields, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
 

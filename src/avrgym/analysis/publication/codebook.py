@@ -1,4 +1,4 @@
-"""The codebook of the analysis' tables: as CSV, as JSON Schema, and as a Frictionless data package."""
+"""The codebook of the analysis tables: CSV, JSON Schema and Frictionless data package."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
 
 
 def json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
-    """JSON Schema of the tables' rows in ``results.json``; every row has all columns of its table."""
+    """JSON Schema of the rows in ``results.json``. Every row has all columns of its table."""
     return {
         "$schema": SCHEMA,
         "title": f"Tables of the analysis of {title}",
@@ -53,7 +53,7 @@ def _description(column: Column) -> dict[str, str]:
 
 
 def data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
-    """The description of the tables' folder as a Frictionless data package (specs.frictionlessdata.io)."""
+    """Descriptor of the tables' folder as a Frictionless data package (specs.frictionlessdata.io)."""
     return {
         "profile": PROFILE,
         "name": "avrgym-analysis",

@@ -1,4 +1,4 @@
-"""Text of a publication's methods section, generated from a study."""
+"""Generate the text of a publication's methods section from a study."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,12 +41,12 @@ Sections = Mapping[str, list[str]]
 
 
 def missing(what: str) -> str:
-    """Placeholder for text that an author must add."""
+    """A placeholder for text that an author must write."""
     return f"[MISSING: {what}]"
 
 
 def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
-    """Sections about people; for a study without people, about simulated participants."""
+    """The paragraphs about people; in a study without people, about simulated participants."""
     session_designs = analysed_designs(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
@@ -69,7 +69,7 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """The designs of the analysed people, or simulated participants."""
+    """The designs of the analysed people; in a flow of simulated participants, theirs."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
@@ -118,7 +118,7 @@ def _who(flow: ParticipantFlow) -> str:
 
 
 def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
-    """Sentences about the steps of the flow chart, each with the participants who left after it."""
+    """Sentences about each step of the flow chart, with the numbers of participants who left after it."""
     came = (
         f"{count_text(flow.enrolled, _who(flow))} enrolled",
         f"{flow.allocated} received an order of trials",
@@ -184,7 +184,7 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def _equipment(design: Design) -> str:
-    """The seat or mattress of participants, the force guard and the withdrawal of robots."""
+    """Sentences about the participants' seat or mattress, the force guard, and the retreat of robots."""
     seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
     places = {
         "seated": f"sat on a seat {seat.seat_height_m:g} m high",
@@ -205,7 +205,7 @@ def _withdrawal(design: Design) -> str:
 
 
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    """The plug-ins in the recordings."""
+    """A sentence about the plug-ins in the recordings."""
     used = Counter(
         f"{each.label}: {each.recorded}"
         for each in analysis.observed.plugins
@@ -238,7 +238,7 @@ def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def inclusion_answers(design: Design) -> str:
-    """Each inclusion question with the required answer."""
+    """Each inclusion question with its required answer, as text."""
     return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
 
 
@@ -248,7 +248,7 @@ def _inclusion_questions(design: Design) -> str:
 
 
 def session_days(flow: ParticipantFlow) -> str:
-    """The days of sessions, as text."""
+    """The days of the first and last session, as text."""
     return (
         f"on {flow.first_day}"
         if flow.first_day == flow.last_day
@@ -282,7 +282,7 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: Analysis) -> Iterator[str]:
-    """Each version of a changed item with its number of participants."""
+    """A sentence with each version of a changed item and its number of participants."""
     changed = {base_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
@@ -320,7 +320,7 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
 
 
 def _other_corrections(analysis: Analysis) -> str:
-    """The correction of primary results that are not paired tests. Only plans have such results."""
+    """The correction of primary results that are not paired tests; only a plan can have such results."""
     if analysis.plan is None or analysis.plan.confirmed is None:
         return ""
     return (
@@ -342,5 +342,5 @@ def _deviations(analysis: Analysis) -> list[str]:
 
 
 def main_flow(analysis: Analysis) -> ParticipantFlow | None:
-    """The flow of people; without people, of simulated participants; ``None`` without participants."""
+    """The flow of people; in a study without people, of simulated participants; ``None`` without participants."""
     return next(iter(analysis.flows), None)

@@ -15,7 +15,7 @@ from avrgym.analysis.study import Analysis
 
 @dataclass(frozen=True)
 class PublicationTable:
-    """A table with texts as cells; ``numbers`` are the right-aligned columns."""
+    """A table of texts; ``numbers`` are the indices of right-aligned columns."""
 
     name: str
     caption: str
@@ -25,7 +25,7 @@ class PublicationTable:
 
 
 def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
-    """The tables with rows. Captions mark simulated participants."""
+    """All tables that have rows. Captions mark simulated participants."""
     for table in (
         _participants_table,
         _functioning_table,
@@ -60,7 +60,7 @@ def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable
 
 
 def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Functioning of people. Counts below five, and counts from which these follow, are suppressed."""
+    """Functioning of people. Counts below five are suppressed, and so are counts from which they can be computed."""
     rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
     caption = (
         "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
@@ -106,7 +106,7 @@ def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
 
 
 def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Other tests by participant than the primary ones."""
+    """Tests by participant that are not primary results."""
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),
@@ -149,14 +149,14 @@ LATEX_ESCAPES = {
 
 
 def latex_text(text: object) -> str:
-    """Text with the special characters of LaTeX escaped."""
+    """Escape the special characters of LaTeX."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
 
 def latex_table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> str:
-    """A table in LaTeX, as ``page.elements.table`` in HTML; ``numbers`` are the right-aligned columns."""
+    """A LaTeX table with the same arguments as ``page.elements.table``; ``numbers`` are the right-aligned columns."""
     columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
     lines = [" & ".join(latex_text(cell) for cell in row) + r" \\" for row in (heads, *rows)]
     return "\n".join(

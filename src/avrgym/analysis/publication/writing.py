@@ -1,4 +1,4 @@
-"""Files for a publication: methods section, tables, checklist and codebook."""
+"""Write the files for a publication: methods section, tables, checklist and codebook."""
 
 import json
 import re
@@ -28,7 +28,7 @@ FILES = (
 
 
 def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
-    """Write the publication files into a new folder, and the description of the tables into the tables' folder."""
+    """Write the publication files into a new folder, and ``datapackage.json`` into the folder of the tables."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)

@@ -1,6 +1,6 @@
-"""Rows of tables read from a study: participants, trials, attempts, answers, scores and problems.
+"""Rows of tables that are read from a study: participants, trials, attempts, answers, scores and problems.
 
-Units are in the names of columns. Positions are in the world frame: z points up, the person faces −y.
+Column names contain the unit. Positions are in the world frame: z points up, the person faces −y.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
 ALL = "all"
-"""The label of all tasks, or all robots, together."""
+"""Label of rows about all tasks together, or all robots together."""
 NOT_COMPLETED = "the trial is not completed"
 NO_RECORDING = "no complete recording contains it"
 _PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TABLES["attempts"]
@@ -64,7 +64,7 @@ WaistMaximum = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantColumns:
-    """The first columns of rows about a participant."""
+    """The first columns of each row about a participant."""
 
     participant: Pseudonym
     site: Site = None
@@ -73,7 +73,7 @@ class ParticipantColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantRow(ParticipantColumns):
-    """A participant, including those who withdrew."""
+    """A participant, including participants who withdrew."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
     state: State
@@ -100,7 +100,7 @@ class ParticipantRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(ParticipantColumns):
-    """A planned trial, also if it did not run. Its outcome is the outcome of its completed attempt."""
+    """A planned trial, including trials that did not run. Its outcome is that of the completed attempt."""
 
     participant_state: State
     sex: Sex
@@ -187,7 +187,7 @@ class AttemptRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class _AnswerColumns(ParticipantColumns):
-    """Time and trial of an answer."""
+    """Columns with the time and the trial of an answer."""
 
     counted: Counted
     session: Session
@@ -206,8 +206,8 @@ class _AnswerColumns(ParticipantColumns):
 class AnswerRow(_AnswerColumns):
     """An answer to one item.
 
-    An answer after a completed trial counts if the trial counts. About sessions, one answer counts for each
-    participant, item and moment: the latest after a session, and the latest before that.
+    An answer after a trial counts if the trial counts. Of the answers about sessions, two count for each participant
+    and item: the latest after a session, and the latest before that session.
     """
 
     item: Annotated[str, _ANSWERS["item"]]
@@ -220,9 +220,9 @@ class AnswerRow(_AnswerColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRow(_AnswerColumns):
-    """A scale of a validated questionnaire, scored from one participant's answers at one time.
+    """The score of one scale of a validated questionnaire, from one participant's answers at one time.
 
-    It counts if all its answers count.
+    A score counts if all its answers count.
     """
 
     instrument: Annotated[str, _SCORES["instrument"]]
@@ -236,7 +236,7 @@ class ScoreRow(_AnswerColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class TermRow(ParticipantColumns):
-    """A term of the reward, summed over a trial."""
+    """One reward term, summed over a trial."""
 
     position: Position
     term: Annotated[str, Column("Name of the reward term.")]
@@ -247,7 +247,7 @@ class TermRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemRow:
-    """A problem of the study's data and its consequence for the analysis."""
+    """A problem of the study's data, and its consequence for the analysis."""
 
     simulated: Annotated[bool | None, replace(_ATTEMPTS["simulated"], empty="it is about the whole study")]
     where: Annotated[str, Column("Recording, participant or file with the problem.")]
@@ -257,7 +257,7 @@ class ProblemRow:
 
 @dataclass(frozen=True, kw_only=True)
 class StreamRow(StreamQuality):
-    """Timing of the samples of a stream in the recording of one completed trial."""
+    """Sample timing of a stream in the recording of one completed trial."""
 
     participant: Pseudonym
     site: Site = None

@@ -35,7 +35,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A test of ``group_a`` against ``group_b``; with too few values only their description."""
+    """A test of ``group_a`` against ``group_b``. With too few values, the row only describes them."""
 
     simulated: IsSimulated
     family: columns.Family
@@ -65,22 +65,22 @@ class ComparisonRow:
 
 
 TRIAL, PARTICIPANT = "trial", "participant"
-"""Unit of analysis: the source of one value. Trials of one participant are not independent: p by trial is only for
-comparison with the paper and has no stars."""
+"""Units of analysis. Trials of one participant are not independent. Tests by trial are therefore only for comparison
+with the paper and have no stars."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
-"""Roles of a result for its question."""
+"""Roles of a result in the analysis of its question."""
 MIN_PARTICIPANTS = 4
-"""Minimum number of participants of tests and models."""
+"""Minimum number of participants for a test or a model."""
 TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
 Sample = tuple[str, Sequence[float]]
-"""A group's name and its values."""
+"""Name and values of a group."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """The question of a family of tests, and the caption of its table in the report.
+    """The question of a family of tests, and the caption of the family's table in the report.
 
-    ``primary``: without a plan its tests by participant are primary results.
+    ``primary``: without a plan, the tests by participant are primary results.
     """
 
     name: str
@@ -88,15 +88,15 @@ class Question:
     primary: bool = False
 
     def family_name(self, unit: str) -> str:
-        """The name of its family of tests with this unit of analysis."""
+        """Name of the question's family of tests with a unit of analysis."""
         return f"{self.name}, by {unit}"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a comparison of a quantity between two groups.
+    """Comparison of a quantity between two groups.
 
-    ``differences`` are the differences by participant of a paired test; other tests have none.
+    ``differences``: each participant's difference in a paired test; empty for other tests.
     """
 
     quantity: str
@@ -109,7 +109,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Family:
-    """Rows of tests that are corrected together, each with its differences by participant."""
+    """Tests that are corrected together; for each test, the differences by participant."""
 
     simulated: bool
     question: Question
@@ -118,7 +118,7 @@ class Family:
 
 
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
-    """A family: tests of one question and unit, of people or simulated participants, with Holm's correction."""
+    """Apply Holm's correction to the tests of one question and unit of analysis."""
     allowed = [_without_small_test(test) for test in tests]
     adjusted = holm([test.found.p for test in allowed])
     name = question.family_name(unit)
@@ -127,7 +127,7 @@ def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequ
 
 
 def _without_small_test(test: Comparison) -> Comparison:
-    """The test; with too few participants only its groups and effect."""
+    """The test; with too few participants, only groups and effect, without p."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
     found = test.found
@@ -168,14 +168,17 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 MEAN_DECIMALS = 9
-"""Means over a participant's trials are rounded to this number of decimals, which makes equal means identical."""
+"""Means over trials are rounded to this number of decimals. Means that differ by rounding errors are thus equal."""
 Key = tuple[str, ...]
 
 
 def compare_policies(
     name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
 ) -> Comparison:
-    """Test a quantity with the second policy against the first; ``given`` contains each participant's values."""
+    """Compare the second policy with the first by a signed-rank test.
+
+    ``given``: values with the first and with the second policy, by key; a key begins with the participant.
+    """
     first, second = policies
     a, b = given
     pairs = [key for key in a if key in b]
@@ -190,7 +193,7 @@ def compare_policies(
 
 
 def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
-    """The values of trials, or the mean of each participant."""
+    """The values of trials; for tests by participant, each participant's mean."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
     own: dict[Key, list[float]] = {}
@@ -200,7 +203,7 @@ def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
-    """The number of participants, and the difference of each for a test by participant."""
+    """Number of participants, and for a test by participant also each participant's difference."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}

@@ -1,4 +1,4 @@
-"""Family-wise error correction of paired tests with the same participants by a sign-flip permutation test.
+"""Sign-flip permutation test: family-wise error correction of paired tests with the same participants.
 
 Under the null hypothesis, flipping the signs of all differences of a participant does not change their distribution.
 The test computes all statistics for every combination of flips. It compares each observed statistic with the maximum
@@ -18,17 +18,17 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
 MAX_ENUMERATED = 14
-"""Maximum number of participants for which all sign combinations are computed."""
+"""Maximum number of participants for the exact test with all sign combinations."""
 SAMPLED_FLIPS = 9_999
-"""Number of random sign combinations for more participants, besides the observed one."""
+"""Number of random sign combinations if there are more participants; the observed one is added."""
 TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """Corrected p of each signed-rank test; ``None`` if all its differences are zero.
+    """Corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
-        differences: for each test, the differences by participant; participants without a value are absent.
+        differences: for each test, the difference of each participant; participants without a value are omitted.
     """
     ranks = signed_ranks(differences)
     sizes = np.sqrt((ranks**2).sum(axis=0))
@@ -43,7 +43,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
 
 
 def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
-    """Signed ranks (participants, tests); zero for a zero or missing difference."""
+    """Signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
     for test, own in enumerate(differences):
@@ -55,7 +55,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 @cache
 def sign_flips(participants: int) -> FloatArray:
-    """Sign combinations (combinations, participants), the observed one first; opposite ones count once."""
+    """Sign combinations (combinations, participants), the observed one first. Opposite combinations count once."""
     if participants > MAX_ENUMERATED:
         drawn = random_streams.sampled_sign_flips().integers(0, 2, (SAMPLED_FLIPS, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
@@ -65,7 +65,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down(statistics: FloatArray) -> FloatArray:
-    """Corrected p (tests,) from statistics (combinations, tests); the first row contains the observed statistics."""
+    """Corrected p (tests,) from statistics (combinations, tests). Row 0 contains the observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))

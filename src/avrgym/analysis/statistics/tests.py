@@ -1,7 +1,7 @@
-"""Rank tests, corrections and intervals. All tests are two-sided.
+"""Rank tests, corrections for multiple testing, and confidence intervals. All tests are two-sided.
 
 SciPy computes what it contains. Exact probabilities with ties, rank-biserial effect sizes, Holm's correction and the
-energy test in several dimensions are our code.
+multivariate energy test are our code.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
-"""Largest number of differences with an exact signed-rank p; doubles can count the 2**n sign combinations."""
+"""Largest number of differences for an exact signed-rank test; floats count 2**n combinations exactly."""
 EXACT_RANK_SUM = 8
-"""Largest size of the smaller sample with an exact rank-sum p."""
+"""Largest size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
-    """Number, mean, extremes and quartiles of values, by column name; quartiles are interpolated."""
+    """Number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
         "n": len(values),
@@ -42,12 +42,12 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class StatisticalTest:
-    """The result of a test.
+    """Result of a statistical test.
 
-    ``n``: number of values. ``zeros``: number of omitted zero differences. ``p`` is ``None`` without a test; ``note``
-    then contains the reason. ``effect`` is a rank-biserial correlation in −1..1 with its 95 % interval. For the energy
-    test it is the share (0..1) of the distance between samples that exceeds the distance within samples, without
-    interval.
+    ``n``: number of values. ``zeros``: number of omitted zero differences. ``p``: ``None`` if there was no test;
+    ``note`` then contains the reason. ``effect``: rank-biserial correlation in [−1, 1], with 95 % confidence interval.
+    For the energy test, ``effect`` is the share (0 to 1) of the distance between samples that exceeds the distance
+    within samples, without interval.
     """
 
     test: str
@@ -63,13 +63,12 @@ class StatisticalTest:
 
 
 def signed_rank(differences: ArrayLike) -> StatisticalTest:
-    """Wilcoxon signed-rank test of the hypothesis that differences are symmetric around zero (Biometrics Bulletin 1,
-    1945).
+    """Wilcoxon signed-rank test of differences that are symmetric around zero (Biometrics Bulletin 1, 1945).
 
-    Zeros are omitted, as in Wilcoxon's paper; equal sizes have their mean rank. With at most ``EXACT_SIGNED_RANK``
-    differences p is exact for these ranks: all combinations of signs are equally probable. With more differences it is
-    SciPy's normal approximation with correction for ties and without continuity correction. The statistic is the
-    smaller sum of ranks; the effect is (W₊ − W₋) / (W₊ + W₋).
+    Zero differences are omitted, as in Wilcoxon's paper; ties have their mean rank. p is exact for up to
+    ``EXACT_SIGNED_RANK`` differences: all combinations of signs are equally probable. With more differences, p is
+    SciPy's normal approximation with tie correction and without continuity correction. The statistic is the smaller
+    rank sum; the effect is (W₊ − W₋) / (W₊ + W₋).
     """
     given = np.asarray(differences, float)
     used = given[given != 0.0]
@@ -91,7 +90,7 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Twice the share of sign combinations whose sum of positive ranks is at most ``smaller``.
+    """Twice the share of sign combinations with a sum of positive ranks of at most ``smaller``.
 
     ``ways[s]``: number of combinations of the previous ranks with the doubled sum s. Doubled mean ranks are integers.
     """
@@ -105,11 +104,11 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 
 
 def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
-    """Mann-Whitney test of whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
+    """Mann-Whitney U test: whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
 
     p is exact if the smaller sample has at most ``EXACT_RANK_SUM`` values: all divisions of the ranks into two samples
-    are equally probable; ties have their mean rank. Without ties SciPy computes it. Otherwise p is SciPy's normal
-    approximation with corrections for ties and continuity. The statistic is U of ``a``; the effect 2 U / (n m) − 1 is
+    are equally probable, and ties have their mean rank. Without ties, SciPy computes p. Otherwise p is SciPy's normal
+    approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m) − 1 is
     positive if ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
@@ -129,26 +128,27 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
-    """Number of independent binary values whose share has the variance of U / (n m) without an effect, with ties."""
+    """Effective sample size: number of binary values whose share has the variance of U / (n m) without an effect."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
     return 3.0 * n * m / ((n + m + 1) * tied)
 
 
 def effect_interval(effect: float, size: float) -> tuple[float, float]:
-    """The 95 % interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
+    """95 % confidence interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
 
-    ``size``: number of independent binary values whose share has the same variance without an effect. For signed ranks
-    it is (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, the interval has a width at r = ±1.
+    ``size``: effective sample size, the number of independent binary values whose share has the same variance under the
+    null hypothesis. For signed ranks, it is (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, this interval is
+    defined at r = ±1.
     """
     low, high = wilson_interval(size * (1.0 + effect) / 2.0, size)
     return 2.0 * low - 1.0, 2.0 * high - 1.0
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Twice the share of samples of the smaller size with a rank sum at least as extreme.
+    """Twice the share of subsets of the smaller sample's size with a rank sum that is at least as extreme.
 
-    ``ways[k, s]``: number of choices of k of the previous ranks with the doubled sum s.
+    ``ways[k, s]``: number of subsets of k previous ranks with the doubled sum s.
     """
     smaller, larger = sorted((a, b), key=len)
     doubled = np.rint(2.0 * stats.rankdata(np.concatenate([smaller, larger]))).astype(int)
@@ -163,11 +163,11 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
 
 
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
-    """Energy test of the hypothesis that points (n, d) and (m, d) have one distribution (Székely and Rizzo, InterStat
-    5, 2004).
+    """Energy test of the hypothesis that points (n, d) and (m, d) have the same distribution.
 
-    The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the points' unit. p is
-    the share of random divisions of all points into n and m, with the observed one, that have at least this distance.
+    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
+    2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the points' unit. p is the share of random divisions of all
+    points into n and m with at least this distance; the observed division is included.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     count, total = len(a), len(a) + len(b)
@@ -188,9 +188,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Energy distances (k,) between chosen points, by index (k, n), and all others; and the mean distances between
-    them.
-    """
+    """Energy distances (k,) and mean distances (k,) between chosen points, by index (k, n), and all other points."""
     inner = np.array([apart[np.ix_(indices, indices)].sum() for indices in chosen])
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
     outer = apart.sum() - inner - 2.0 * between
@@ -200,7 +198,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Holm's correction of probabilities for multiple testing (Scand. J. Statist. 6, 1979); ``None`` is no test."""
+    """Holm's correction of p values for multiple testing (Scand. J. Statist. 6, 1979). ``None`` means no test."""
     present = [i for i, p in enumerate(probabilities) if p is not None]
     ordered = sorted(present, key=lambda i: probabilities[i] or 0.0)
     adjusted: list[float | None] = [None] * len(probabilities)
@@ -212,18 +210,18 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 
 
 def significance_stars(p: float | None) -> str:
-    """Stars of a probability: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in STARS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
-    """The 95 % interval of a proportion of trials; each cluster contains the trials of one participant.
+    """95 % confidence interval of the share of successful trials; each cluster contains the trials of one participant.
 
-    It is Wilson's interval with the effective sample size, which is the number of trials divided by the design effect,
-    and Student's quantile for the number of clusters (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott,
-    Survey Methodology 43, 2017, p. 245). The design effect is the variance of the proportion between clusters, divided
-    by that of independent trials. With one trial in each cluster it is Wilson's interval. A single cluster of several
-    trials has none.
+    It is Wilson's interval with the effective sample size and with Student's quantile for the number of clusters (Korn
+    and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey Methodology 43, 2017, p. 245). The effective sample
+    size is the number of trials divided by the design effect: the variance of the share between clusters, divided by
+    the variance for independent trials. With one trial in each cluster, it is Wilson's interval. For one cluster with
+    several trials, both bounds are ``None``.
     """
     sizes = np.array([len(each) for each in clusters])
     successes = np.array([sum(each) for each in clusters])
@@ -238,11 +236,14 @@ def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float
 
 
 MIN_DESIGN_EFFECT = 0.25
-"""Lower bound of the design effect; few clusters can underestimate it, down to 0 for equal shares."""
+"""Lower bound of the design effect. Few clusters can underestimate it: if all shares are equal, it would be 0."""
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
-    """``residuals`` (K,): observed minus expected successes of each cluster; 1 if all trials have the same result."""
+    """Design effect from the ``residuals`` (K,): observed minus expected successes of each cluster.
+
+    It is 1 if all trials have the same result.
+    """
     if share in (0.0, 1.0):
         return 1.0
     clusters = len(residuals)
@@ -251,14 +252,14 @@ def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
 
 
 EQUAL_TOLERANCE = 1e-12
-"""Values are equal if they deviate by no more than this share of their mean."""
+"""Values count as equal if their standard deviation is at most this share of their mean."""
 
 
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
-    """The 95 % interval of a mean by Student's t (Biometrika 6, 1908).
+    """95 % confidence interval of a mean by Student's t (Biometrika 6, 1908).
 
-    ``deviation``: standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, or equal values,
-    have no interval: they contain no information about the error of the mean.
+    ``deviation``: standard deviation with ``count − 1`` degrees of freedom. With fewer than two values, or with equal
+    values, both bounds are ``None``: the values contain no information about the error of the mean.
     """
     if count < 2 or deviation <= EQUAL_TOLERANCE * abs(mean):
         return None, None

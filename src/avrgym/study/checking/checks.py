@@ -1,4 +1,4 @@
-"""Check a study: stored data are complete and unchanged, and the study can run."""
+"""Check a study: whether stored data are complete and unchanged, and whether the study can run."""
 
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -41,29 +41,29 @@ from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
 
 _MAX_LISTED = 3
-"""Maximum number of listed clock jumps."""
+"""Maximum number of clock resets in a message."""
 
 
 def check_study(store: Store) -> list[Finding]:
-    """All findings about a study; nothing is changed."""
+    """Run all checks of a study and return their findings. Nothing is changed."""
     findings: list[Finding] = []
     for check in CHECKS:
         try:
             findings += check(store)
-        except StudyError as error:  # a damaged row stops a check
+        except StudyError as error:  # a damaged row can stop a check
             finding = Finding("database", str(error))
             findings += [finding] if finding not in findings else []
     return findings
 
 
 def check_participants(store: Store) -> Iterator[Finding]:
-    """Missing or different rows and recordings of each participant."""
+    """Missing or different rows and recordings, for each participant."""
     for participant in store.participants():
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
 
 def check_strays(store: Store) -> Iterator[Finding]:
-    """Files in the folder of recordings without an attempt."""
+    """Files in the folder of recordings that belong to no attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
     gone = {pseudonym_of(each.number) for each in store.tombstones()}  # another check reports them
@@ -74,12 +74,12 @@ def check_strays(store: Store) -> Iterator[Finding]:
 
 
 def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
-    """Whether a file is in the folder of one of these participants."""
+    """Whether the file belongs to one of these participants."""
     return name.split("/")[1] in pseudonyms
 
 
 def _check_stray(store: Store, name: str) -> Finding:
-    """The finding about a file without an attempt; a killed session can leave one."""
+    """The finding about a file without an attempt. A killed session can leave such a file."""
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
     own = name.rpartition("/")[0] in {session.folder for session in sessions}
     if own and not _is_completed(store.folder / name):
@@ -95,7 +95,7 @@ def _is_completed(path: Path) -> bool:
 
 
 def check_due(store: Store) -> Iterator[Finding]:
-    """Data with an expired retention period."""
+    """Data whose retention period has ended."""
     return (Finding("retention", words, is_error=False) for words in describe_due(store, today()))
 
 
@@ -140,7 +140,7 @@ def _check_participant(
 def _check_session(store: Store, session: StudySession, design: Design) -> Iterator[Finding]:
     """Unanswered items about an ended session.
 
-    After a crash the next session asks for them.
+    After a crash, the next session shows them.
     """
     answered = answered_in_visit(store, session)
     missing = [
@@ -189,7 +189,7 @@ def _check_attempt(
 
 
 def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
-    """The finding about missing answers to a completed trial."""
+    """The finding about missing answers after a completed trial."""
     with store.database.read() as connection:
         opened, still_open = (
             was_left_open(connection, attempt),
@@ -203,7 +203,7 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
-    """The reason why a recording was left out of a merged study, if it was."""
+    """The reason for which the merge omitted a recording; empty if it did not."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, attempt=attempt.id)
     return next((event.detail for event in events if event.name == RECORDING_LEFT_OUT), "")
@@ -243,7 +243,7 @@ def _check_recording(
 
 
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
-    """The times of each stream of other devices."""
+    """The sample times of each stream of other devices."""
     return ((name, times_of(recording.topics, name)) for name in sorted(streams_by_name(recording.topics)))
 
 
@@ -256,12 +256,12 @@ def _jumped(stream: str, times: SampleTimes) -> str:
 
 
 def _common_metrics(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
-    """The metrics that database and recording have in common; their clocks differ."""
+    """Metrics that must be equal in database and recording. The duration is excluded, because their clocks differ."""
     return metrics.steps, metrics.reward, metrics.success
 
 
 def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Mapping[str, Any]:
-    """Values of an attempt in the database that its recording also contains."""
+    """Values of an attempt in the database that must be equal in its recording."""
     values = {
         "environment": trial.environment,
         "policy": trial.policy,
@@ -275,7 +275,7 @@ def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Ma
 def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
 ) -> Iterator[str]:
-    """Names of values that differ between recording and database; a truncated recording may lack answers."""
+    """Names of values that differ between recording and database. A truncated recording may lack answers."""
     configuration = recording.configuration
     recorded_values = {
         "environment": configuration.environment,

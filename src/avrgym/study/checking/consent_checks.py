@@ -1,4 +1,4 @@
-"""Checking consents: whether each was given to the text that its version has, and whether that text is archived."""
+"""Check consents: participants read the archived text of the version that they accepted."""
 
 import hashlib
 from collections import defaultdict
@@ -14,12 +14,12 @@ from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
-    """Consents to another text under the version of the design's, texts that changed, and consents without a text."""
+    """Consents to other texts of the same version, changed texts, and consents without an archived text."""
     with store.database.read() as connection:
         consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
     for kept in archive:
         if hashlib.sha256(kept.text.encode()).hexdigest() != kept.sha256:
-            yield Finding(f"consent_text {kept.id}", "does not have the checksum that it was archived with")
+            yield Finding(f"consent_text {kept.id}", "does not have the checksum that was stored with it")
     if store.sites():
         yield from _check_sites(consents, archive)
     else:
@@ -35,7 +35,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
 def _check_present_texts(
     store: Store, consents: list[Consent], archive: list[ConsentText]
 ) -> Iterator[Finding]:
-    """The design's text in each language, compared with what was read under its version."""
+    """Compare the design's consent text in each language with the texts that participants read as the same version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
         shown = current_text(store, language)
@@ -49,7 +49,7 @@ def _check_present_texts(
 
 
 def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
-    """Texts of one site that differ under one version; sites may have texts of their own."""
+    """Different texts with the same version at one site. Sites may have different texts."""
     words = {kept.sha256: normalize_whitespace(kept.text) for kept in archive}
     read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
     for each in consents:

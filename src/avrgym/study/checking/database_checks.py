@@ -20,7 +20,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
 
 _GONE = ("excluded", "withdrawn", UNKNOWN)
-"""States of participants who are in no analysis."""
+"""States of participants who are excluded from analyses."""
 _PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYSIS)
 
 
@@ -38,7 +38,7 @@ def check_database(store: Store) -> Iterator[Finding]:
 
 
 def check_private(store: Store) -> Iterator[Finding]:
-    """File permissions, unfinished files, and the identity file."""
+    """Findings about file permissions, temporary files and the identity file."""
     for path in exposed(store.folder / identity_file.FOLDER):
         yield Finding(str(path.relative_to(store.folder)), "can be read by other users")
     for name in _PRIVATE:
@@ -89,7 +89,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
 
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
-    """Unencrypted names."""
+    """Findings about unencrypted names."""
     plain = identity_file.plain_path(store.folder)
     if plain is None:
         return
@@ -102,6 +102,6 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
 
 
 def fix_permissions(store: Store) -> None:
-    """Restrict a study's files to their owner; ``OSError`` where that is not allowed."""
+    """Restrict the study's files to their owner. Raises ``OSError`` if this is not allowed."""
     for name in (identity_file.FOLDER, *_PRIVATE):
         make_private(store.folder / name)

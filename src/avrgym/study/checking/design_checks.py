@@ -1,4 +1,4 @@
-"""Check that all sessions had the same design, and that it is the one in the study's folder."""
+"""Check that all sessions had the same design, equal to the design in the study's folder."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,18 +31,18 @@ from avrgym.system.toml_lines import Place
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
-"""Fields that apply before the first session."""
+"""Fields that only affect the admission of participants."""
 CONSENT = "consent"
-"""The field that is stored and checked for each participant."""
+"""A field that is checked separately for each participant."""
 NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
-"""Fields without effect on participants: a difference is a note."""
+"""Fields without effect on participants; a difference is not an error."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that differs between the study's design (``present``) and that of ``sessions`` (``used``).
+    """A value that differs between the study's current design (``present``) and the design of ``sessions`` (``used``).
 
-    Either may be ``MISSING``.
+    A missing value is ``MISSING``.
     """
 
     file: str
@@ -68,7 +68,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Sessions of earlier versions, whose design the database does not contain."""
+    """Sessions of earlier versions of AVR Gym; the database does not contain their designs."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:
@@ -80,7 +80,7 @@ def check_stored_designs(store: Store) -> Iterator[Finding]:
 def differences_of(
     design: Design, wordings: Wordings | None, sessions: Sequence[SessionDesign]
 ) -> list[Difference]:
-    """Each difference between a design and the designs of sessions."""
+    """All differences between a design and the designs of sessions."""
     found: dict[str, Difference] = {}
     known: dict[bytes, list[Difference]] = {}
     for entry in sessions:
@@ -105,13 +105,13 @@ def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:
-    """The fields of a design that apply from the first session on."""
+    """The fields of a design that affect sessions."""
     before = (*AT_ADMISSION, CONSENT)
     return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 
 def _both(a: Design, b: Design) -> set[str]:
-    """The sentences that two designs have in common."""
+    """The participant sentences that both designs contain."""
     first, second = (
         {normalize_whitespace(each) for each in participant_sentences(design)} for design in (a, b)
     )
@@ -126,7 +126,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
-    """Differences between present inclusion questions and those that participants answered."""
+    """Differences between the current inclusion questions and those that participants answered."""
     for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
         message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
@@ -135,7 +135,11 @@ def _check_inclusion(store: Store) -> Iterator[Finding]:
 def admission_differences(
     store: Store, design: Design, fields: Sequence[str]
 ) -> list[tuple[tuple[Place, Any, Any], list[str]]]:
-    """Each difference between fields of a design and those at the admission of participants, with pseudonyms."""
+    """Compare fields of a design with the design at each participant's admission.
+
+    Returns:
+        Each difference, with the pseudonyms of its participants.
+    """
     found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
     expected = {name: comparable_values(design)[name] for name in fields}
     for row in store.designs():
@@ -149,7 +153,7 @@ def admission_differences(
 def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterator[Finding]:
     """Differences between recordings and the stored design of their session.
 
-    The real seat may differ in a session; every other difference is an error.
+    A session may have another seat; all other differences are errors.
     """
     stored = {entry.session.id: entry for entry in sessions if entry.wordings is not None}
     for entry in recorded_designs(store):

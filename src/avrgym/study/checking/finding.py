@@ -1,11 +1,11 @@
-"""Findings of a check of a study."""
+"""Findings of the checks of a study."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding: place, message, and whether it is an error that must be corrected."""
+    """A finding: its place, a message, and whether it is an error that must be corrected."""
 
     where: str
     message: str
@@ -13,11 +13,11 @@ class Finding:
 
 
 class ExcludedTrial(Finding):
-    """A trial that the exclusion rule keeps out of the analysis."""
+    """A trial that the exclusion rule excludes from the analysis."""
 
 
 def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
-    """The finding about an excluded trial of a participant."""
+    """The finding about an excluded trial."""
     return ExcludedTrial(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

@@ -1,4 +1,4 @@
-"""Views of a study's results before its planned end, from its log."""
+"""Find interim looks in a study's log: views of results before the planned end."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -9,13 +9,13 @@ from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
 RESULTS = "results"
-"""The subject of these findings."""
+"""Place of these findings."""
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """A finding for each person and each number of completed participants.
+    """A finding for each person and each number of completed participants with an interim look.
 
-    The planned end is the larger of ``planned`` and the number that was planned at the time of the view.
+    The planned end is the larger of ``planned`` and the number that was planned at the time of the look.
     """
     sites = site_names(store)
     looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
@@ -35,7 +35,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:
-    """Whether an entry is a view of results before the planned end."""
+    """Whether the log entry is a view of results before the planned end."""
     if entry.completed is None or entry.planned is None:
         return False
     return entry.completed < max(planned, entry.planned)

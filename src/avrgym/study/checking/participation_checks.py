@@ -1,4 +1,4 @@
-"""Check the participation list, and that no participant who left is back in the study."""
+"""Check the participation list, and that no deleted participant has data in the study."""
 
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timedelta
@@ -15,7 +15,7 @@ from avrgym.system.files import user_data_folder
 
 
 def check_participation(store: Store) -> Iterator[Finding]:
-    """Faults of the participation list, and differences between list, database and recordings."""
+    """Errors of the participation list, and differences between list, database and recordings."""
     yield from _check_list(store)
     yield from _check_events(store)
     for participant in store.participants():
@@ -32,7 +32,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.invalid_copies():
-        yield Finding(path.name, f"is an invalid {FILE} that was replaced; find out why, then remove it")
+        yield Finding(path.name, f"is an invalid {FILE} that was replaced; find the cause, then remove it")
     listed = store.participation()
     if listed is None:
         return
@@ -55,7 +55,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """A note if the list was begun after the first participant."""
+    """A note if the list is newer than the first participant."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.without_participant[0]["detail"]
@@ -66,7 +66,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """Restored states, older copies and confirmations, from events."""
+    """Notes about restored states, older copies of the list, and confirmations."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
@@ -79,11 +79,11 @@ def _check_events(store: Store) -> Iterator[Finding]:
 
 
 _CLOCK = timedelta(minutes=1)
-"""Maximum difference between the clocks of two computers."""
+"""Allowed difference between the clocks of two computers."""
 
 
 def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
-    """The fault of the list, such as "is missing"; empty if the list is valid.
+    """The error of the participation list, such as "is missing"; empty if the list is valid.
 
     ``beginnings``: time of each participant's first recording, by number.
     """
@@ -99,7 +99,7 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
 
 
 def recordings_came_back(deleted_at: str) -> str:
-    """The fault of recordings of a deleted participant."""
+    """Error message for a deleted participant whose recordings exist again, for example from a backup."""
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
         "`avrgym study delete-participant` removes them"

@@ -1,4 +1,4 @@
-"""Check that a study's trials were recorded with the same plug-ins."""
+"""Check that all trials of a study were recorded with the same plug-ins."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -17,7 +17,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 
 @dataclass(frozen=True)
 class RecordedPlugin:
-    """A plug-in as recorded in a participant's trial, and as installed at present."""
+    """A plug-in as recorded in one trial (``recorded``) and as installed (``present``)."""
 
     label: str
     recorded: str
@@ -28,12 +28,12 @@ class RecordedPlugin:
 
 
 def check_plugins(store: Store) -> Iterator[Finding]:
-    """Plug-ins that differ between completed trials, or that have changed since."""
+    """Plug-ins that differ between completed trials, or between the trials and this installation."""
     return plugin_findings(_recorded(store))
 
 
 def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
-    """Findings about recorded plug-ins, separately for people and simulated participants."""
+    """Findings about recorded plug-ins, separately for people and for simulated participants."""
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
         groups[each.label, each.simulated].append(each)
@@ -67,7 +67,7 @@ def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
 def recorded_plugins(
     configuration: Configuration, participant: str, position: int, *, simulated: bool
 ) -> Iterator[RecordedPlugin]:
-    """The plug-ins of a trial, from the configuration in its recording."""
+    """The plug-ins of a trial; the source is the configuration in its recording."""
     now = _present(configuration)
     for plugin in sorted(configuration.plugins, key=lambda plugin: plugin.label):
         present = str(now.get(plugin.label, "no plug-in here"))
@@ -75,7 +75,7 @@ def recorded_plugins(
 
 
 def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
-    """The plug-ins that the trial would use now, by label."""
+    """The installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
     controller = controllers.used_plugin(configuration.policy)
@@ -88,7 +88,7 @@ def _recorded(store: Store) -> Iterator[RecordedPlugin]:
         positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
         for attempt in store.attempts(participant.pseudonym):
             if attempt.state == "completed" and attempt.trial in positions:
-                with suppress(OSError, RecordingError, StudyError):  # other checks report it
+                with suppress(OSError, RecordingError, StudyError):  # another check reports it
                     yield from recorded_plugins(
                         read_header(store.path(attempt.recording)).configuration,
                         participant.pseudonym,

@@ -1,4 +1,4 @@
-"""Files of a study's policies, and a check that they were the same in all sessions."""
+"""The policy files of a study, and the check that all sessions used the same files."""
 
 import hashlib
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 
 POLICIES_USED = "policies used"
-"""Event of a session; the detail contains the policy files of its design."""
+"""Name of a session's event. Its detail contains the policy files of the session's design."""
 
 
 class PolicyFile(msgspec.Struct, frozen=True):
-    """The file of a policy in an environment; a policy without a file has no checksum."""
+    """The file of a policy in an environment. ``sha256`` is ``None`` for a policy without a file."""
 
     environment: str
     policy: str
@@ -37,14 +37,14 @@ class PolicyFile(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class UsedPolicy:
-    """The file of a policy, and the sessions that used it."""
+    """A policy file, and the sessions that used it."""
 
     file: PolicyFile
     sessions: list[SessionDesign]
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
-    """The present file of each policy of the design."""
+    """The current file of each policy of the design."""
     return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
 
 
@@ -59,7 +59,7 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """The source of a policy as text, and its file if it has one; ``PolicyError`` if it is missing."""
+    """Source of a policy as text, and its file (``None`` without a file). Raises ``PolicyError`` if it is missing."""
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
     if source in packaged:
@@ -72,7 +72,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 
 def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
-    """The files of all sessions by environment and policy, in order of use."""
+    """The policy files of all sessions, by environment and policy, in order of use."""
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for entry in session_designs(store):
@@ -93,7 +93,7 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
 
 
 def check_policies_used(store: Store) -> Iterator[Finding]:
-    """Findings about policies that were not the same in all sessions, or that have changed since."""
+    """Policies that differ between sessions, or that have changed since the last session."""
     used = policies_used(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():
@@ -112,5 +112,5 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
 
 
 def policy_file_text(file: PolicyFile) -> str:
-    """A policy's file as text."""
+    """Source and checksum of a policy file as text."""
     return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

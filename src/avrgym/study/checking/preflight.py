@@ -1,4 +1,4 @@
-"""Check that a study can run: its policies can be loaded, and its trials have a start for every body."""
+"""Check that a study can run: policies can be loaded, and every body can start in every environment."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -19,7 +19,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
     """Load a policy of the design for an environment, from the study's folder or by name.
 
     Raises:
-        PolicyError: when it is missing, damaged, or made for another environment.
+        PolicyError: if the policy is missing, damaged, or trained for another environment.
     """
     design = store.design
     return find_for_session(
@@ -31,7 +31,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:
-    """Environment and name of each policy of the design's trials and practice."""
+    """Environment and name of each policy in the design's trials and practice trials."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
     return [
@@ -41,7 +41,7 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
 
 
 def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
-    """The installed plug-ins that the design's trials and practice use."""
+    """The installed plug-ins that the design's trials and practice trials use."""
     found: set[UsedPlugin] = set()
     for environment, name in policies_needed(store):
         found |= {*plugins_of(environment)}
@@ -51,7 +51,7 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
 
 
 def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
-    """Name and fault of each policy that cannot be loaded."""
+    """Name and error message of each policy that cannot be loaded."""
     for environment, name in policies_needed(store):
         try:
             load_study_policy(store, environment, name)
@@ -60,9 +60,9 @@ def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
 
 
 def check_starts(store: Store) -> Iterator[Finding]:
-    """Finds bodies without a start in an environment, or with too many rejected samples.
+    """Findings about bodies without a valid initial state in an environment, or with too many rejected samples.
 
-    Samples a few starts for each body: the shortest and the tallest that calibration accepts.
+    A few initial states are sampled for each body: the shortest and the tallest that calibration accepts.
     """
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
@@ -74,7 +74,7 @@ def _check_environment(environment: str, settings: Settings) -> Iterator[Finding
     try:
         drawn_starts = draws_by_body(environment, settings)
     except Exception as error:  # plug-ins may raise any exception
-        yield Finding(environment, f"no start can be sampled: {type(error).__name__}: {error}")
+        yield Finding(environment, f"no initial state can be sampled: {type(error).__name__}: {error}")
         return
     for person, drawn in drawn_starts:
         if drawn.refused:

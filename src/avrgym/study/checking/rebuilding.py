@@ -1,4 +1,4 @@
-"""Rebuilding a lost database from the recordings and the participation list."""
+"""Rebuild a lost database from the recordings and the participation list."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -38,19 +38,19 @@ LOST = (
     "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
     "actions, tokens of experimenters and links of participants"
 )
-"""Data that neither recordings nor the participation list contain."""
+"""Data that are always lost: neither recordings nor the participation list contain them."""
 LOST_WITH_LIST = (
-    "ages, languages, consents that no recording stores, withdrawals, deletions, and participants who left neither "
-    "name nor recording"
+    "ages, languages, consents that are in no recording, withdrawals, deletions, and participants without "
+    "name and recording"
 )
-"""Data that are also lost if the participation list is invalid."""
+"""Data that are lost too if the participation list is invalid."""
 
 
 @dataclass(frozen=True)
 class RebuildSummary:
-    """Counts of rows in the rebuilt database, and texts about lost data.
+    """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
-    ``unknown`` counts participants with unknown consent or withdrawal.
+    ``unknown``: number of participants whose consent or withdrawal is unknown.
     """
 
     participants: int
@@ -63,7 +63,7 @@ class RebuildSummary:
 
 @dataclass(frozen=True)
 class _RecordedAttempt:
-    """A recording in a session's folder, by its path in the study."""
+    """A recording in a session's folder; ``name`` is its path in the study."""
 
     name: str
     recording: Recording
@@ -80,19 +80,19 @@ class _RecordedAttempt:
 
     @property
     def planned(self) -> tuple[str, str, int, bool]:
-        """The values of the planned trial."""
+        """Environment, policy, seed and practice: the values that a planned trial contains."""
         configuration = self.configuration
         return configuration.environment, configuration.policy, configuration.seed, configuration.practice
 
 
 def rebuild_study(folder: Path) -> RebuildSummary:
-    """Rebuild a study's lost database. Identity file and recordings are not changed.
+    """Rebuild the lost database of a study. The identity file and finished recordings are not changed.
 
-    Only truncated recordings of finished trials are completed. States of participants are from the participation list.
-    If the list is missing or invalid, all states are ``unknown``, and an invalid list is renamed.
+    Truncated recordings of finished trials are completed. The participation list contains the participants' states. If
+    the list is missing or invalid, all states become ``unknown``, and an invalid list is renamed.
 
     Raises:
-        StudyError: when the database exists.
+        StudyError: if the database exists.
     """
     _refuse_if_present(folder)
     IntegrityFiles(folder, FILE).remove()
@@ -110,11 +110,11 @@ def _refuse_if_present(folder: Path) -> None:
         return
     with Store(folder, rebuild=True) as store:
         if store.participants() or store.tombstones():
-            raise StudyError(f"{folder} has a database; only a lost database is rebuilt")
+            raise StudyError(f"{folder} has a database; only a lost database can be rebuilt")
 
 
 class _Rebuilding:
-    """Rebuilds participants one after another in one transaction."""
+    """Rebuild all participants in one transaction."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -136,7 +136,7 @@ class _Rebuilding:
         )
 
     def rebuild(self, connection: sa.Connection) -> None:
-        """Insert all participants, and the events of this and earlier rebuilds."""
+        """Insert all participants, and an event for this and each earlier rebuild."""
         for each in self._listed.rebuilds() if self._listed else ():
             hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
@@ -152,14 +152,14 @@ class _Rebuilding:
         return LOST
 
     def _beginnings(self) -> dict[int, datetime]:
-        """The beginning of the first recording of each participant."""
+        """Start time of each participant's first recording, by number."""
         recorded_attempts = {number: _flat(visits) for number, visits in self._visits.items()}
         return {
             number: min(each.began_at for each in own) for number, own in recorded_attempts.items() if own
         }
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
-        """Rebuild a participant with their trials, or store the reason for leaving them out."""
+        """Insert a participant and their trials, or store the reason for their omission."""
         content = self._listed.latest.get(number) if self._listed else None
         recorded_attempts = _flat(self._visits[number])
         if content and content["state"] == DELETED:
@@ -187,7 +187,10 @@ class _Rebuilding:
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
     ) -> dict[int, Plan]:
-        """Plans of trials that match the recordings, by cell; only for the cell in the list, if there is one."""
+        """The trial plans that match the recordings, by cell.
+
+        If the list contains the cell, only this cell is considered.
+        """
         design = self._store.design
         cells = range(len(cell_orders(design)))
         site = design.site
@@ -200,7 +203,7 @@ class _Rebuilding:
         return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, recorded_attempts)}
 
     def _load_visits(self, number: int) -> dict[str, list[_RecordedAttempt]]:
-        """The readable recordings of each session, in order of their names."""
+        """The readable recordings of each session, ordered by file name."""
         visits: dict[str, list[_RecordedAttempt]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
             loaded = [self._load(path) for path in sorted(folder.glob("*.mcap"))]
@@ -252,13 +255,13 @@ class _Rebuilding:
             hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _known_state(self, content: Content | None) -> str:
-        """The state in the list; ``UNKNOWN`` if the list is invalid."""
+        """The participant's state in the list; ``UNKNOWN`` if the list is invalid."""
         return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
         self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
     ) -> dict[tuple[Any, ...], int]:
-        """Insert a participant and their trials; returns the ids of the trials by plan."""
+        """Insert a participant and their trials. Returns the ids of the trials by plan."""
         self._participants += 1
         recorded_attempts = _flat(self._visits[number])
         values = participant_values(content) if content and not self._fault else {}
@@ -320,7 +323,7 @@ class _Rebuilding:
         *,
         again: bool,
     ) -> bool:
-        """Insert an attempt with its answers; returns whether it completed its trial."""
+        """Insert an attempt and its answers. Returns whether it completed its trial."""
         end = recorded.recording.result
         answers = recorded.recording.topics["/answers"]
         asked = {item.id for item in recorded.configuration.items}
@@ -371,7 +374,7 @@ def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
 
 
 def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
-    """A plan with practice robots and seeds from recordings, for recordings of versions with another sampling."""
+    """The plan with practice robots and seeds of the recordings. Earlier versions sampled other ones."""
     recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(
         _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial

@@ -1,7 +1,7 @@
-"""Check repeated trials that experimenters requested: too many, or dependent on policy or outcome.
+"""Check repeats that experimenters requested: whether there are too many, or whether they depend on policy or outcome.
 
-The tests are exact. Under the null hypothesis each trial of a participant and task is equally likely to be repeated.
-All tests together raise a finding in at most 1 % of studies.
+The tests are exact. Under the null hypothesis, each trial of a participant and task is equally likely to be repeated.
+All tests together report a finding in at most 1 % of studies.
 """
 
 from collections import Counter, defaultdict
@@ -17,14 +17,14 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
 Block = tuple[int, int, int]
-"""Numbers of units in a block: all units, units in the group, selected units."""
+"""Numbers in a block: all units, units in the group, selected units."""
 
 
 def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
-    """Two-sided exact p of a number of selected units in a group, if units of a block are equally likely.
+    """Exact two-sided p for the number of selected units in a group, if all units of a block are equally likely.
 
-    The number is a sum of hypergeometric variables, one for each block. p is the total probability of all sums that
-    are not more likely than the observed one.
+    The number is a sum of hypergeometric variables, one for each block. p is the total probability of all sums that are
+    not more likely than the observed sum.
     """
     probabilities: FloatArray = np.ones(1)
     for block in blocks:
@@ -34,7 +34,7 @@ def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
-    """The probabilities of 0 to ``drawn`` selected members."""
+    """Hypergeometric probabilities of 0 to ``drawn`` selected members."""
     return [
         comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
         for hits in range(drawn + 1)
@@ -42,13 +42,13 @@ def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
 
 
 REPEATS = "repeats"
-"""The subject of these findings."""
+"""Place of these findings."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
-"""Significance level of each test."""
+"""Significance levels of the tests."""
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
-    """Findings about people, or about simulated participants in a study without people.
+    """Findings about repeats of people's trials; in a study without people, of simulated participants' trials.
 
     ``limit`` replaces the design's ``max_repeats``.
     """
@@ -57,7 +57,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
 
 
 def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
-    """Findings about the trials of a design."""
+    """Findings about the repeats of these trials."""
     if limit is not None:
         yield from _too_many(trials, limit)
     yield from _by_condition(trials, design)
@@ -65,7 +65,7 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
 
 
 def tested_trials(store: Store) -> list[AttemptedTrial]:
-    """Trials of people; trials of simulated participants if the study has no people."""
+    """The trials of people; in a study without people, of simulated participants."""
     simulated = is_simulated(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 
@@ -90,7 +90,7 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Findings about policies, or else pairs of robot and policy, with more or fewer repeats than others."""
+    """Findings about policies with more or fewer repeats than others; without any, about pairs of robot and policy."""
 
     def policy(each: AttemptedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
@@ -127,7 +127,7 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
-    """Findings about repeats that depend on the outcome of the finished first attempt."""
+    """A finding if repeats depend on the outcome of the finished first attempt."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _is_first_repeated)
     if p > OUTCOME_ALPHA:
@@ -146,7 +146,7 @@ def _p(
     in_group: Callable[[AttemptedTrial], bool],
     drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
-    """p of the exact test for the repeated trials of a group, within each participant and task."""
+    """p of the exact test, for the repeated trials of a group, stratified by participant and task."""
     blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:
         blocks[each.participant.number, each.trial.task].append(each)

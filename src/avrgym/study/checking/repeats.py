@@ -1,4 +1,4 @@
-"""Repeated trials: attempts that a later attempt replaced, by reason and person."""
+"""Find repeated trials: attempts that a later attempt replaced, with reason and person."""
 
 import re
 from collections import defaultdict
@@ -13,9 +13,9 @@ TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "exp
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
 """Reasons of repeats: technical fault, participant, experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
-"""The person if no entry of the log fits."""
+"""Used instead of a name if no log entry matches."""
 Cause = tuple[str, str]
-"""A reason and the cause as text."""
+"""A reason, and the cause as text."""
 
 BY_STATE: Mapping[str, Cause] = {
     "repeated": (EXPERIMENTER, "repeated"),
@@ -39,13 +39,16 @@ COMMANDS = {
     "stopped": ("stop",),
     "interrupted": ("recalibrate", "correct torso height"),
 }
-"""Commands in the log that end an attempt, by the state of the attempt."""
+"""Commands in the log that can end an attempt, by the attempt's state."""
 _ENDED = re.compile(r"attempt (?!running)")
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """An attempt that a later one replaced; ``requested_by`` is the experimenter who requested it, if known."""
+    """An attempt that a later attempt replaced.
+
+    ``requested_by``: the experimenter who requested the repeat, if known.
+    """
 
     participant: Participant
     trial: Trial
@@ -56,18 +59,18 @@ class Repeat:
 
     @property
     def is_requested(self) -> bool:
-        """Whether an experimenter requested it."""
+        """Whether an experimenter requested the repeat."""
         return self.reason == EXPERIMENTER
 
     @property
     def success(self) -> bool | None:
-        """Whether the task had succeeded, if that is stored."""
+        """Whether the replaced attempt succeeded; ``None`` if this is not stored."""
         return self.attempt.metrics.success
 
 
 @dataclass(frozen=True)
 class AttemptedTrial:
-    """A trial with at least one attempt, without practice; attempts and repeats are in order."""
+    """A trial with at least one attempt, not a practice trial. Attempts and repeats are in order of time."""
 
     participant: Participant
     trial: Trial
@@ -76,12 +79,12 @@ class AttemptedTrial:
 
     @property
     def requested_repeats(self) -> int:
-        """The number of repeats that an experimenter requested."""
+        """Number of repeats that an experimenter requested."""
         return sum(repeat.is_requested for repeat in self.repeats)
 
 
 def attempted_trials(store: Store) -> list[AttemptedTrial]:
-    """All trials with an attempt, without practice, in order of participants and positions."""
+    """All trials with an attempt, without practice, ordered by participant and position."""
     causes = _Causes(store)
     return [
         AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
@@ -100,7 +103,7 @@ def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[T
 
 
 class _Causes:
-    """Causes of the ends of attempts from adjacent events, and the persons from the log."""
+    """Find the cause of an attempt's end in adjacent events, and the person in the log."""
 
     def __init__(self, store: Store) -> None:
         self._sites = site_names(store)
@@ -128,7 +131,7 @@ class _Causes:
         return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
-        """The last command during an attempt that can have ended it."""
+        """The last logged command during an attempt that can have ended it; ``None`` without one."""
         ended_at = attempt.ended_at or ""
         fitting = [
             entry
@@ -154,7 +157,7 @@ class _Causes:
         return self._without_event(attempt, after)
 
     def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
-        """The cause of an interruption, from the phase that followed."""
+        """The cause of an interruption without an event, from the phase that followed."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):
             return PARTICIPANT, "left VR"
@@ -166,9 +169,9 @@ class _Causes:
         return UNKNOWN, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
-        """The last event of an attempt before its end, and the events up to the next phase.
+        """The last event before the attempt's end, and the events after it up to the next phase.
 
-        Empty if the end of the attempt is not stored.
+        Both lists are empty if the end of the attempt is not stored.
         """
         own, end = self._events[attempt.session], self._ends.get(attempt.id)
         if end is None:

@@ -1,4 +1,4 @@
-"""Progress of a study, and results of the completed trials by task, robot and policy."""
+"""Summarise a study: its progress, and results of completed trials by task, robot and policy."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from avrgym.study.storage.store import Store, find_all
 
 @dataclass(frozen=True)
 class ParticipantSummary:
-    """Progress of one participant; practice trials count as trials.
+    """Progress of one participant; numbers of trials include practice trials.
 
-    ``site_participant`` is the pseudonym at their site, in a merged study.
+    ``site_participant``: in a merged study, the pseudonym at the participant's site.
     """
 
     participant: str
@@ -39,9 +39,9 @@ class ParticipantSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Progress of a study. ``filled`` and ``completed_cells`` count participants per cell of the design.
+    """Progress of a study. ``filled`` and ``completed_cells``: number of participants in each cell of the design.
 
-    ``filled_by_site`` counts them for each site.
+    ``filled_by_site``: number of participants in each cell, by site.
     """
 
     title: str
@@ -59,7 +59,7 @@ class StudySummary:
 
 
 def summarise_study(store: Store) -> StudySummary:
-    """The present progress of a study."""
+    """The current progress of a study."""
     with store.database.read() as connection:
         participants = find_all(connection, Participant)
         deleted = len(find_all(connection, Tombstone))
@@ -90,7 +90,7 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
-    """Counts of sessions, trials, open questionnaires and so on, by number of the participant."""
+    """Numbers of sessions, trials, open questionnaires and so on, by the participant's number."""
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
     completed = find_all(connection, TrialAttempt, state="completed")
@@ -120,15 +120,15 @@ def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> Par
 
 
 Condition = tuple[str, str, str, bool]
-"""Task, robot, policy as the experimenter may see it, and whether participants are simulated."""
+"""Task, robot, policy (a letter for a blinded experimenter), and whether participants are simulated."""
 
 
 @dataclass(frozen=True)
 class ConditionResults:
-    """Results of the completed trials of a condition, without practice, for people or simulated participants.
+    """Results of the completed trials of a condition, without practice, for people or for simulated participants.
 
-    ``policy`` is a letter if the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` 0 to 1.
-    ``answer_means`` is the mean answer to each version of an item, on its scale.
+    ``policy``: a letter if the experimenter is blinded. ``reward_mean``: mean over trials. ``success_rate``: 0 to 1.
+    ``answer_means``: mean answer to each version of an item, on its scale.
     """
 
     task: str
@@ -144,9 +144,9 @@ class ConditionResults:
 def summarise_results(
     store: Store, answered_items: AnsweredItems | None = None
 ) -> tuple[ConditionResults, ...]:
-    """Results of allocated and completed participants so far.
+    """The current results of all allocated and completed participants.
 
-    ``answered_items`` contains the answered items; default: they are read.
+    ``answered_items``: the items that participants answered; by default, they are read from the study.
     """
     answered_items = answered_items or AnsweredItems(store)
     with store.database.read() as connection:

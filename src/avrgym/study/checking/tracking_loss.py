@@ -1,4 +1,4 @@
-"""The share of a trial with tracking loss: lost, late or implausible data, for which the person is held still."""
+"""Share of a trial with tracking loss: frames are missing, late or implausible, and the person model does not move."""
 
 from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.recording.reader import Recording
@@ -8,10 +8,10 @@ from avrgym.vr.tracking.frames import STALE_S
 
 
 def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
-    """The share (0 to 1) of tracking loss in the time of the robot's assistance; ``None`` without assistance.
+    """Share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
-    A frame counts as tracked until the next one, or until it is stale, unless it or a part of it was held. With
-    ``part``, only this part counts.
+    A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if it, or one of its parts,
+    is stale or rejected. With ``part``, only this part is considered.
     """
     span = _assistance_span_s(recording)
     if span is None:
@@ -27,14 +27,14 @@ def tracking_loss_share(recording: Recording, part: Part | None = None) -> float
 
 
 def describe_excess_loss(recording: Recording, design: Design) -> str | None:
-    """The reason why a trial is excluded for tracking loss, with the share of each part; ``None`` if it is not."""
+    """The reason to exclude a trial for tracking loss, with the share of each part; ``None`` within the limit."""
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
     parts = {PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0 for part in PARTS}
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
-        f"its person was held for {100 * share:.1f} % of the time in which the robot helped ({by_part}); "
+        f"tracking was lost for {100 * share:.1f} % of the robot's assistance time ({by_part}); "
         f"max_held_share allows {100 * design.max_held_share:g} %"
     )
 
@@ -45,7 +45,10 @@ def _is_held(frame: TrackingFrame, part: Part | None) -> bool:
 
 
 def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:
-    """Begin and end of the robot's assistance; without its event, it begins with the first control step."""
+    """Start and end of the robot's assistance, in seconds; ``None`` without control steps.
+
+    Without the event of the start, assistance starts with the first control step.
+    """
     control_s = [time_ns / 1e9 for time_ns, _ in recording.topics["/control"]]
     begins_s = [
         time_ns / 1e9

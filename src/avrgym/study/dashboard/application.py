@@ -1,7 +1,7 @@
-"""The experimenter's dashboard as a web application with JSON.
+"""Web application (JSON) of the experimenter's dashboard.
 
-Each route needs the experimenter's token as ``Authorization: Bearer``. Names and contacts are accepted and never
-returned.
+Each route requires the experimenter's token as ``Authorization: Bearer``. Routes accept names and contacts, but never
+return them.
 """
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -43,39 +43,39 @@ Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
 
 
 class LiveSessions(Protocol):
-    """The sessions of this server, one at a time."""
+    """The live sessions of this server, one at a time."""
 
     @property
     def participant(self) -> str | None:
-        """The participant of the running session."""
+        """Pseudonym of the running session's participant; ``None`` without a session."""
         ...
 
     @property
     def furniture(self) -> RealFurniture:
-        """The real seat and bed of the next session."""
+        """The real seat and bed for the next session."""
         ...
 
     def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
-        """Begin a participant's session; ``StudyError`` or ``PolicyError`` if that is not possible."""
+        """Start a participant's session. Raises ``StudyError`` or ``PolicyError`` if it cannot start."""
         ...
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the running session, then store the withdrawal."""
+        """Stop robot and recording of the running session; then store the withdrawal."""
         ...
 
     @property
     def links(self) -> SessionLinks:
-        """The link of the running session."""
+        """The session link of the running session."""
         ...
 
     def renew_link(self, pseudonym: str) -> None:
-        """Create a new link for the participant's running session; the earlier link ends."""
+        """Create a new link for the participant's running session. The earlier link becomes invalid."""
         ...
 
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A study, the sessions of this server if it runs any, and the name of the experimenter."""
+    """A study, the live sessions of this server (``None`` without any), and the experimenter's name."""
 
     store: Store
     live: LiveSessions | None
@@ -83,17 +83,17 @@ class Dashboard:
 
     @property
     def participant(self) -> str | None:
-        """The participant of the running session."""
+        """Pseudonym of the running session's participant; ``None`` without a session."""
         return self.live.participant if self.live else None
 
     @property
     def furniture(self) -> RealFurniture:
-        """The real seat and bed of the next session."""
+        """The real seat and bed for the next session."""
         return self.live.furniture if self.live else self.store.design.furniture
 
 
 class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A new participant."""
+    """Request to enrol a new participant."""
 
     sex: Sex
     age_years: int | None = None
@@ -104,7 +104,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Name and contact of a participant."""
+    """Request to store name and contact of a participant."""
 
     name: Line
     contact: Line
@@ -112,38 +112,38 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The version of the consent text that the participant read."""
+    """Version of the consent text that the participant read."""
 
     version: str
 
 
 class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Yes or no to each inclusion question by its id."""
+    """The participant's answer (yes or no) to each inclusion question, by id."""
 
     answers: dict[str, bool]
 
 
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A withdrawal; the reason may be empty."""
+    """Request to withdraw a participant. The reason may be empty."""
 
     reason: Line = ""
 
 
 class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A note of the experimenter."""
+    """Request to add a note of the experimenter."""
 
     text: Text
 
 
 class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A new text for the note with this id."""
+    """Request to replace the text of a note."""
 
     id: int
     text: Text
 
 
 class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A report of a new adverse event, or a follow-up of the event with the number in ``follows``."""
+    """A report of a new adverse event, or a follow-up of the adverse event with number ``follows``."""
 
     report: Report
     follows: int | None = None
@@ -154,7 +154,7 @@ class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The start of a session; ``furniture`` replaces that of the session before."""
+    """Request to start a session. ``furniture`` replaces the furniture of the previous session."""
 
     furniture: RealFurniture | None = None
 
@@ -251,7 +251,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "sessions": (SessionStart, _begin),
     "links": (NewLink, _renew_link),
 }
-"""Actions on participants by the last part of the route: type of the body, and function."""
+"""Actions on participants, by the last part of the route: type of the request body, and function."""
 LOGGED_AS = {
     "identity": "change identity",
     "withdrawal": "withdraw",
@@ -261,7 +261,7 @@ LOGGED_AS = {
     "sessions": "begin session",
     "links": "make link",
 }
-"""The name of an action in the log, if it differs from the route."""
+"""Names of actions in the audit log that differ from the route."""
 
 
 def dashboard_app(
@@ -273,16 +273,16 @@ def dashboard_app(
     """The web application of a study, to be mounted at ``/study``.
 
     Args:
-        store: the study. Views and actions are added to its audit log.
-        tokens: tokens of the server; those of experimenters are valid.
-        live: the sessions of this server; without them no session can be started.
+        store: the study. All views and actions are added to its audit log.
+        tokens: the server's tokens; tokens of experimenters are valid.
+        live: the live sessions of this server; without them, no session can be started.
         addresses: returns the addresses of the participant's page for a link.
     """
 
     def experimenter_only(request: Request) -> None:
         caller = tokens.bearer(request.headers)
         if caller is None or caller.role != "experimenter":
-            raise HTTPException(401, "open the experimenter's address that the server printed")
+            raise HTTPException(401, "open the experimenter's address, which the server printed at its start")
         request.state.caller = caller
 
     dashboard, log = Dashboard(store, live), DashboardLog(store)
@@ -351,7 +351,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 
 async def _body(request: Request, kind: type[B]) -> B:
-    """The decoded body. Errors contain names of fields and no values, which may be names of people."""
+    """The decoded request body. Error messages contain field names, but no values, which could be names of people."""
     data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)

@@ -1,4 +1,4 @@
-"""Audit log entries of the dashboard and of the live page."""
+"""Add views and commands of the dashboard and of the live page to the audit log."""
 
 import time
 from collections.abc import Callable, Generator
@@ -23,12 +23,12 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.server.authentication import Caller
 
 VIEW_ENDS_S = 600.0
-"""A view ends after this time without a request, in seconds; pages send requests repeatedly."""
+"""A view ends if there is no request for this time (in seconds). Pages send requests repeatedly."""
 VIEW_RESULTS = "view results"
 
 
 def actor_of(caller: Caller) -> Actor:
-    """The person behind a token."""
+    """The person who uses a token."""
     if caller.name:
         return Actor(caller.name, OWN_TOKEN)
     return Actor(UNNAMED, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
@@ -36,20 +36,23 @@ def actor_of(caller: Caller) -> Actor:
 
 @dataclass
 class CommandEntry:
-    """The entry of a command; an enrolment sets its participant later."""
+    """The log entry of a command. An enrolment sets the participant when the pseudonym is known."""
 
     participant: str | None
 
 
 class DashboardLog:
-    """Adds entries of the dashboard to the audit log. Methods may be called from any thread."""
+    """Add views and commands of the dashboard to the audit log. Thread-safe."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a view, unless it continues an earlier one; ``StudyError`` if it cannot be stored."""
+        """Add an entry for a view that does not continue an earlier one.
+
+        Raises ``StudyError`` if it cannot be stored.
+        """
         if self._store.database.read_only or not self._begins(caller, name, pseudonym):
             return
         try:
@@ -61,7 +64,7 @@ class DashboardLog:
 
     @contextmanager
     def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
-        """Add an entry for the command in this context, also for a refused one."""
+        """Context manager: add an entry for the command, even if it is rejected."""
         at, entry = now(), CommandEntry(pseudonym)
         try:
             yield entry
@@ -78,7 +81,7 @@ class DashboardLog:
 
 
 class LiveLog(DashboardLog):
-    """Adds entries of the live page to the audit log, in the storage thread of the session.
+    """Add commands of the live page to the audit log, in the session's storage thread.
 
     A command is therefore stored before its effects.
     """
@@ -89,7 +92,10 @@ class LiveLog(DashboardLog):
         self._storing, self._report = storing, report
 
     def record(self, caller: Caller, message: Any, pseudonym: str | None) -> None:
-        """Add an entry for a message of an experimenter or spectator, with the participant of the running session."""
+        """Add an entry for a message of an experimenter or spectator.
+
+        ``pseudonym``: participant of the running session.
+        """
         match message:
             case messages.Hello() if self._begins(caller, "watch", pseudonym):
                 self._submit(caller, "watch", pseudonym, "")

@@ -1,4 +1,4 @@
-"""Tokens of experimenters and spectators, and links of participants."""
+"""Tokens of experimenters and spectators, and session links of participants."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,9 +11,9 @@ from avrgym.vr.server.session_links import SessionLinks
 
 @dataclass(frozen=True)
 class StudyTokens(Tokens):
-    """Shared tokens of roles, personal tokens of experimenters, and links of participants.
+    """Shared tokens for roles, personal tokens of experimenters, and session links of participants.
 
-    The shared token of ``participant`` is invalid: participants use the link of their session.
+    The shared token for ``participant`` is invalid: participants use the link of their session.
     """
 
     experimenters: Experimenters
@@ -21,11 +21,11 @@ class StudyTokens(Tokens):
 
     @classmethod
     def of_study(cls, path: Path, experimenters: Experimenters, links: SessionLinks) -> Self:
-        """The tokens in a file, and those of experimenters; ``ValueError`` for a file without tokens."""
+        """Read the shared tokens from a file. Raises ``ValueError`` for a file without tokens."""
         return cls(**asdict(Tokens.load_or_create(path)), experimenters=experimenters, links=links)
 
     def caller(self, token: str) -> Caller | None:
-        """The role and the experimenter of a token."""
+        """Role and experimenter of a token; ``None`` for an invalid token."""
         if self.links.opens(token):
             return Caller("participant")
         name = self.experimenters.name_of(token)
@@ -33,7 +33,7 @@ class StudyTokens(Tokens):
         return None if found == Caller("participant") else found
 
     def refusal(self, token: str) -> Refusal:
-        """The reason for refusing a token; for participants in their language."""
+        """The reason for rejecting a token; for participants, in their language."""
         if not token:
             return ENTER_CODE
         language = self.links.language_of_ended(token)

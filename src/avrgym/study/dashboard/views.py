@@ -1,4 +1,4 @@
-"""Contents of the experimenter's dashboard, without names, and without policies for blinded experimenters."""
+"""Contents of the experimenter's dashboard: no names, and no policies for blinded experimenters."""
 
 import shutil
 from collections import defaultdict
@@ -32,30 +32,30 @@ from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
 SHORT_BYTES = 2_000_000_000
-"""Minimum free disk space in bytes; a recorded trial of 20 s has a few MB."""
+"""Minimum free disk space in bytes. A recorded trial of 20 s has a few MB."""
 
 
 @dataclass(frozen=True)
 class SessionLink:
-    """The access to the running session: addresses with its link, and a code."""
+    """Access to the running session: addresses with its link, and a code."""
 
     addresses: tuple[str, ...]
     code: str
 
 
 def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
-    """The access to the running session, if there is one; ``addresses`` returns the addresses of a link."""
+    """Access to the running session; ``None`` without one. ``addresses`` returns the addresses of a link."""
     link, code = links.link, links.code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
 
 @dataclass(frozen=True)
 class Overview:
-    """The whole study.
+    """Overview of the whole study.
 
-    ``live``: the participant of the running session. ``furniture``: the real seat and bed of the next session.
-    ``languages``: names by tag. ``experimenter``: the name of this page's token. ``scales``: the scales of adverse
-    events, with their sources in ``scales_words``.
+    ``live``: pseudonym of the running session's participant. ``furniture``: the real seat and bed for the next session.
+    ``languages``: names of languages by tag. ``experimenter``: name of the experimenter. ``scales``: rating scales of
+    adverse events; ``scales_words``: their sources.
     """
 
     summary: StudySummary
@@ -72,7 +72,7 @@ class Overview:
 
 @dataclass(frozen=True)
 class Results:
-    """The results so far, which are sent only on request. ``items`` are the texts by id."""
+    """The current results, sent only on request. ``items``: texts of items by id."""
 
     blinded: bool
     items: dict[str, str]
@@ -81,9 +81,9 @@ class Results:
 
 @dataclass(frozen=True)
 class TrialView:
-    """A trial as the experimenter may see it, with the states of its attempts.
+    """A trial without information that a blinded experimenter must not have; ``attempts``: states of its attempts.
 
-    ``questionnaire_open``: it is completed and has unanswered items.
+    ``questionnaire_open``: the trial is completed and has unanswered items.
     """
 
     position: int
@@ -100,7 +100,7 @@ class TrialView:
 
 @dataclass(frozen=True)
 class ScoreView:
-    """A score of an instrument at a moment; after a trial with its position."""
+    """Score of a validated questionnaire at a moment. ``position``: position of the trial, for scores after trials."""
 
     moment: str
     position: int | None
@@ -113,7 +113,7 @@ class ScoreView:
 
 @dataclass(frozen=True)
 class AdverseEventView:
-    """An adverse event: its number, the number of reports, and the latest report."""
+    """An adverse event: its number, its number of reports, and its latest report."""
 
     number: int
     reports: int
@@ -125,8 +125,8 @@ class AdverseEventView:
 class ParticipantView:
     """One participant. ``identified``: the identity file has an entry. ``may_become``: allowed next states.
 
-    ``consent`` and ``inclusion`` (texts by id) are in their ``language``. ``must_reconsent``: they agreed to another
-    version of the consent text.
+    ``consent`` and ``inclusion`` (texts by id) are in the participant's ``language``. ``must_reconsent``: the
+    participant accepted another version of the consent text.
     """
 
     participant: str
@@ -157,7 +157,7 @@ def overview(
     experimenter: str = "",
     link: SessionLink | None = None,
 ) -> Overview:
-    """The overview of a study while the session of ``live`` runs."""
+    """The overview of a study; ``live``: pseudonym of the running session's participant."""
     design = store.design
     return Overview(
         summary=summarise_study(store),
@@ -174,7 +174,7 @@ def overview(
 
 
 def results_view(store: Store) -> Results:
-    """The results of the completed trials."""
+    """The results of all completed trials."""
     answered_items = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
@@ -184,7 +184,7 @@ def results_view(store: Store) -> Results:
 
 
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
-    """One participant; ``StudyError`` for an unknown pseudonym."""
+    """The view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
     attempts = defaultdict[int, list[TrialAttempt]](list)
@@ -225,7 +225,7 @@ def _short(store: Store) -> Iterator[str]:
 
 
 def _due(store: Store) -> Iterator[str]:
-    """Sentences about data with an expired retention period."""
+    """A sentence for each kind of data whose retention period has ended."""
     return (f"Retention: {words}." for words in describe_due(store, today()))
 
 

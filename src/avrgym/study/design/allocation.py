@@ -1,4 +1,4 @@
-"""Allocation of participants to orders, and their planned trials."""
+"""Allocate participants to orders (counterbalancing), and plan their trials."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,7 @@ from avrgym.tasks.constants import environment_id
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """One trial to run; ``position`` counts a participant's trials from 1, practice included."""
+    """A planned trial. ``position``: number of the trial for this participant, from 1, practice trials included."""
 
     position: int
     environment: str
@@ -25,7 +25,7 @@ class PlannedTrial:
 
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
-    """The order of each cell of the design, from its seed."""
+    """The order of trials of each cell in the design."""
     return _cell_orders(len(design.tasks), len(design.conditions), design.seed)
 
 
@@ -35,21 +35,21 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
 
 
 def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
-    """The cell of the next participant; each site is a block.
+    """The cell for the next participant, by block randomisation; each site is a block.
 
     Args:
-        order: all cells; the first of equally filled cells is chosen.
+        order: all cells; among equally filled cells, the first in this order is chosen.
         taken: the cells of participants at the same site.
-        elsewhere: the cells of participants at other sites, used where cells of the site are equally filled.
+        elsewhere: the cells of participants at other sites; considered if cells are equally filled at the site.
     """
     here, others = Counter(taken), Counter(elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
-    """The order in which a site fills the cells of a design.
+    """The order in which a site fills the cells of the design.
 
-    It differs between sites: sites with few participants then fill different cells.
+    The order differs between sites, because sites with few participants should fill different cells.
     """
     cells = len(cell_orders(design))
     if site is None:
@@ -61,9 +61,9 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
 def plan_trials(
     design: Design, cell: int, participant: int, site: str | None = None
 ) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant by cell, number and site: a practice trial before each task, then its trials.
+    """All trials of a participant: for each task, a practice trial, then the task's trials.
 
-    Practice robots and seeds of trials differ between participants. Both depend on the design's seed.
+    Practice robots and trial seeds differ between participants; both depend on the design's seed.
     """
     rng = random_streams.trial_seeds(design.seed, participant, site)
     robots_of_tasks = practice_robots(design, participant)
@@ -77,10 +77,10 @@ def plan_trials(
 
 
 def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
-    """The practice robot of a participant (number from 1) for each task of the design.
+    """The participant's practice robot for each task of the design; ``participant`` is a number from 1.
 
-    Random and balanced. In each group of as many participants as robots, each has a different robot in a task. Each
-    participant practises with each robot in equally many tasks, or in one more.
+    Robots are random and balanced. For a task, R successive participants practise with R different robots. Each
+    participant practises with all robots equally often, up to one task more.
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)

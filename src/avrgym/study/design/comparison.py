@@ -1,4 +1,4 @@
-"""Compare designs and participants' texts value by value."""
+"""Compare designs, and texts for participants, value by value."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,27 +16,27 @@ from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
 NOT_COMPARED = (*SITE_FIELDS, "reporting")
-"""Fields that are not compared: those of each site, and those for publications."""
+"""Fields that are not compared: fields of a single site, and fields for publications."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Texts by language: translated ``participant_sentences``, and the changed texts of ``session`` and ``page``."""
+"""Texts by language: translations of ``participant_sentences``, and modified texts of ``session`` and ``page``."""
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
-    """A design as a dictionary, in the form that the database stores."""
+    """The design as a dictionary, as stored in the database."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
     return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
-    """The design in a dictionary; unknown fields of other versions are ignored."""
+    """The design from a dictionary. Unknown fields from other versions are ignored."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
 
 
 def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
-    """The texts for participants in each language of a design; ``TextsError`` for an invalid file."""
+    """The texts for participants in each language of a design. Raises ``TextsError`` for an invalid file."""
     return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
 
 
@@ -61,7 +61,10 @@ def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, 
 
 
 def comparable_values(design: Design) -> dict[str, Any]:
-    """The values of a design for comparison: questionnaires, items and questions by id, with their orders."""
+    """The design's values for a comparison.
+
+    Questionnaires, items and questions are dictionaries by id, with their order.
+    """
     values = design_to_dict(design)
     values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
     values["stop_rules"] = _stop_rules(values["stop_rules"])
@@ -76,13 +79,13 @@ def comparable_values(design: Design) -> dict[str, Any]:
 
 
 def _name(table: dict[str, Any], key: str, name: str) -> None:
-    """Replace an array of tables by tables by name, and store their order."""
+    """Replace an array of tables by a dictionary of tables, and store their order."""
     table[f"order of {key}"] = [each[name] for each in table[key]]
     table[key] = {each[name]: {k: v for k, v in each.items() if k != name} for each in table[key]}
 
 
 def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Stop rules by item; further rules of an item are numbered."""
+    """Stop rules by item. If an item has several rules, they are numbered."""
     named: dict[str, Any] = {}
     for rule in rules:
         earlier = sum(key.partition(" ")[0] == rule["item"] for key in named)
@@ -95,11 +98,11 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 MAX_TEXT_LENGTH = 80
 """Longer values are truncated."""
 MISSING = object()
-"""Marks a missing value."""
+"""Represents a missing value."""
 
 
 def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """The place and both values of each difference; one value may be ``MISSING``."""
+    """Each difference between two values: its place, and both values; a missing value is ``MISSING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
             yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
@@ -111,13 +114,13 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
 
 
 def place_text(place: Place) -> str:
-    """A place as text; elements of arrays are counted from 1."""
+    """The place as text, such as ``items[1].text``; elements are counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 
 
 def value_text(value: Any) -> str:
-    """A value as text."""
+    """The value as text, truncated to ``MAX_TEXT_LENGTH``."""
     if value is MISSING:
         return "missing"
     text = json.dumps(value, ensure_ascii=False, default=str)

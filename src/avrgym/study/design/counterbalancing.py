@@ -1,8 +1,8 @@
-"""Counterbalanced orders of tasks and conditions.
+"""Counterbalance the orders of tasks and conditions by Williams squares.
 
-A Williams square is a Latin square in which each condition is equally often at each position, and equally often after
-each other condition (Williams, *Experimental designs balanced for the estimation of residual effects of treatments*,
-1949). For an odd number of conditions it has twice as many rows.
+A Williams square is a Latin square: each condition is equally often at each position, and equally often after each
+other condition (Williams, *Experimental designs balanced for the estimation of residual effects of treatments*,
+1949). For an odd number of conditions, it has twice as many rows.
 """
 
 from dataclasses import dataclass
@@ -15,31 +15,31 @@ from avrgym.array_types import IntArray
 
 @dataclass(frozen=True)
 class Block:
-    """A task of a participant and its conditions in order; both are indices from 0."""
+    """A task of a participant, and its conditions in order. Both are indices from 0."""
 
     task: int
     conditions: tuple[int, ...]
 
 
 CANDIDATES = 200
-"""Number of random arrangements; the one with most variation within participants is used."""
+"""Number of random arrangements. The arrangement with the most variation within participants is used."""
 
 Order = tuple[Block, ...]
-"""All blocks of one participant."""
+"""The blocks of one participant in order."""
 
 
 def williams_square(size: int) -> IntArray:
-    """Rows of 0 to ``size`` − 1, (size, size); (2 size, size) for an odd size above 1."""
+    """A Williams square (size, size) of the numbers 0 to ``size`` − 1; for an odd size above 1, (2 size, size)."""
     zigzag = [(i + 1) // 2 if i % 2 else -(i // 2) for i in range(size)]
     rows = (np.array(zigzag, np.intp) + np.arange(size)[:, None]) % size
     return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
 
 
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
-    """One order for each cell of a design with blocks of tasks.
+    """One order of blocks for each cell of the design.
 
-    Over all cells, tasks are balanced over blocks as a Williams square. So are conditions within the blocks of each
-    task, and within the blocks at each place.
+    Over all cells, tasks are balanced over blocks as in a Williams square. Conditions are balanced in the same way,
+    both within the blocks of each task and within the blocks at each place.
     """
     task_rows = _shuffled_square(tasks, rng)
     condition_rows = _shuffled_square(conditions, rng)
@@ -57,21 +57,21 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
 
 
 def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
-    """A Williams square with permuted symbols and rows, which is still balanced."""
+    """A Williams square with randomly permuted symbols and rows. It is still balanced."""
     return rng.permutation(rng.permutation(size)[williams_square(size)])
 
 
 def _variety(row_of: IntArray) -> int:
-    """Number of different rows in each cell, summed over cells."""
+    """Number of different rows in a cell, summed over all cells."""
     return sum(len(set(rows)) for rows in row_of.tolist())
 
 
 def _spread(task_of: IntArray, rows: int) -> IntArray:
-    """A row of the conditions' square for each cell and place, (cells, places), from a Latin arrangement of tasks.
+    """Row indices (cells, places) of the conditions' square, for a Latin arrangement ``task_of`` (cells, places).
 
-    Each row is equally often at each place and for each task. Tasks and places are the two sides of a regular bipartite
-    graph with an edge for each block. Blocks with equal distance between task and place, and equally many equal blocks
-    in earlier cells, are a perfect matching. The matchings distribute the rows evenly.
+    Each row is equally often at each place and for each task. Proof: tasks and places are the two sides of a regular
+    bipartite graph with an edge for each block. Blocks with the same distance between task and place, and with the same
+    number of equal blocks in earlier cells, are a perfect matching. The matchings distribute the rows evenly.
     """
     cells, places = map(int, task_of.shape)
     earlier = np.array(

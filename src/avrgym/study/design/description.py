@@ -1,4 +1,4 @@
-"""Sentences about a design for publications and registries."""
+"""Describe a design in sentences, for publications and registries."""
 
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
@@ -6,7 +6,7 @@ from avrgym.tasks.registry import TASKS
 
 
 def describe_procedure(design: Design) -> str:
-    """The procedure of a trial."""
+    """Sentences about the procedure of a trial."""
     goals = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
@@ -19,7 +19,7 @@ def _settings(design: Design) -> str:
 
 
 def describe_blinding(design: Design) -> str:
-    """The blinding of participants and experimenter."""
+    """Sentences about the blinding of participants and experimenter."""
     experimenter = (
         "The experimenter does not know it either and sees a letter for each policy."
         if design.blind_experimenter
@@ -29,7 +29,7 @@ def describe_blinding(design: Design) -> str:
 
 
 def describe_conditions(design: Design) -> str:
-    """The conditions, which are compared within participants."""
+    """Sentences about the conditions and the comparison within participants."""
     practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
     return (
         f"Within participants: {len(design.tasks)} × {len(design.robots)} × {len(design.policies)} conditions "
@@ -39,7 +39,7 @@ def describe_conditions(design: Design) -> str:
 
 
 def describe_randomization(design: Design) -> str:
-    """The counterbalancing and allocation of orders."""
+    """Sentences about counterbalancing and allocation."""
     return (
         "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
         f"{len(cell_orders(design))} orders. Each participant is allocated to the least filled order."

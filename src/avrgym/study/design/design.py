@@ -1,4 +1,4 @@
-"""A study's design: the checked contents of ``study.toml``."""
+"""The design of a study: the validated contents of ``study.toml``."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -37,9 +37,9 @@ from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings")
-"""Fields that must not change after the first allocation of a participant."""
+"""Fields that must not change after the first participant was allocated to an order."""
 SITE_FIELDS = ("site", "database", "retention")
-"""Fields that differ between the sites of a study."""
+"""Fields that may differ between the sites of a study."""
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
@@ -54,7 +54,7 @@ class Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A yes-no question; participants with another answer than ``required`` are excluded."""
+    """A yes-no question. Participants with another answer than ``required`` are excluded."""
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
@@ -62,13 +62,13 @@ class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study's database; without a URL it is the file ``study.db`` in the study's folder."""
+    """The study's database. Without a URL, it is the file ``study.db`` in the study's folder."""
 
     url: str = ""
 
 
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Facts for publications that no recording contains; empty until they are known."""
+    """Facts for publications that recordings do not contain; empty if unknown."""
 
     ethics_approval: str = ""
     recruitment: str = ""
@@ -84,11 +84,11 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """The design of a whole study.
 
     ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the design is
-    written in the first. ``trial_steps``: control steps of a trial. ``practice_policy``: empty for no practice trials.
+    written in the first. ``trial_steps``: control steps of a trial. ``practice_policy``: empty without practice trials.
     ``goals``: instructions to participants by task; default: the sentence of the task. ``furniture``: the real seat and
     bed.
-    ``max_held_share``: a trial is left out of the analysis if tracking was lost for a larger share of its time.
-    ``force_guard``: arms limit contact forces and approach speed; default: off, as in studies that began without it.
+    ``max_held_share``: a trial is excluded from the analysis if the share of time with tracking loss is larger.
+    ``force_guard``: the arms' contact forces and approach speed are limited; default: off.
     ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
     ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
     ``streams``: exchange with other devices. ``headset_check``: sessions of people begin with a headset check.
@@ -136,41 +136,41 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def items(self) -> dict[str, Item]:
-        """All items of all questionnaires by id."""
+        """All items of all questionnaires, by id."""
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
     @property
     def rules(self) -> StopRules:
-        """Rules that pause or end a session after an answer."""
+        """The stop rules, which pause or end a session after certain answers."""
         return StopRules(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
-        """The questionnaire that contains an item; ``None`` for an item that is not in the design."""
+        """The questionnaire with this item; ``None`` if the design has no such item."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """The items at a moment, in order; ``seed`` is the seed of the trial."""
+        """The items at a moment, in order. ``seed`` is the seed of the trial."""
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
-        """The fields that orders and trials depend on, as JSON values; settings only if they are not the defaults."""
+        """The fields that determine orders and trials, as JSON values. Default settings are omitted."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
         return {name: plain[name] for name in PROTOCOL if plain[name] != {}}
 
     def policy_codes(self) -> dict[str, str]:
-        """A random letter for each policy, which a blinded experimenter sees."""
+        """A random letter for each policy. A blinded experimenter sees the letter instead of the name."""
         order = random_streams.policy_codes(self.seed, len(self.policies)).permutation(len(self.policies))
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:
-        """The name of a trial's policy for the experimenter: a letter if they are blinded."""
+        """The policy of a trial as the experimenter sees it: its name, or a letter for a blinded experimenter."""
         if not self.blind_experimenter:
             return policy
         return "practice" if practice else self.policy_codes()[policy]
 
 
 def default_text() -> str:
-    """The default ``study.toml``: the paper's protocol with comments."""
+    """Text of the default ``study.toml``: the paper's protocol, with comments."""
     return (files("avrgym") / "assets" / FILE).read_text(encoding="utf-8")
 
 
@@ -178,16 +178,19 @@ def read_design(path: Path) -> Design:
     """Read a design from a file.
 
     Raises:
-        DesignError: when the file is invalid.
-        OSError: when it cannot be read.
+        DesignError: if the file is invalid.
+        OSError: if the file cannot be read.
     """
     return parse_design(read_text(path), str(path), path.parent)
 
 
 def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
-    """The design in a text; ``name`` is the name of the file in a ``DesignError``.
+    """Parse a design in TOML; ``name``: the file's name for error messages.
 
-    ``folder`` is the study's folder with translations and texts of instruments.
+    ``folder``: the study's folder, which contains translations and texts of validated questionnaires.
+
+    Raises:
+        DesignError: if the text is invalid.
     """
     return parse_toml(
         text,
@@ -200,7 +203,7 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
 
 
 def _check(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first invalid value."""
+    """Raise ``ValidationError`` for the first invalid value of the design."""
     if design.site:
         check_id(("site",), design.site, ())
     _check_names(("tasks",), design.tasks, TASKS)

@@ -1,8 +1,7 @@
-"""Questions for participants about disability, diagnosis and assistive devices; each may be declined.
+"""Questions about disability, diagnosis and assistive devices. Participants may decline each question.
 
-Questions on functioning are the Short Set of the Washington Group on Disability Statistics, with its four levels.
-Devices are the classes of assistive products of ISO 9999:2022, with shortened names. No translation of either is
-validated.
+The questions about functioning are the Washington Group's Short Set on Functioning, with its four levels. Devices are
+the classes of assistive products in ISO 9999:2022, with shortened names. No translation of either is validated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -46,7 +45,7 @@ DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 
 def sentences() -> Iterator[str]:
-    """All sentences for participants."""
+    """All sentences that participants read."""
     yield from QUESTIONS.values()
     yield from LEVELS.values()
     yield from DEVICES.values()

@@ -1,7 +1,7 @@
-"""Validated questionnaires in a design: ``use`` names an instrument and is replaced by its items.
+"""Validated questionnaires in a design: ``use`` names a questionnaire, and is replaced by its items.
 
-Texts that an instrument's licence does not allow AVR Gym to include are read from ``instruments/NAME.toml`` in the
-study's folder. It has a line for each item: ``ID = "text"``, or with end labels
+If the licence of a text does not allow distribution, the text is read from ``instruments/NAME.toml`` in the study's
+folder. This file has a line for each item: ``ID = "text"``, or with end labels
 ``ID = { text = "…", low = "…", high = "…" }``.
 """
 
@@ -22,11 +22,11 @@ from avrgym.system.type_guards import is_array, is_table
 
 FOLDER = "instruments"
 FIELDS = ("use", "name", "when", "order", "weights")
-"""Allowed keys of a questionnaire's table with ``use``."""
+"""Allowed keys of a questionnaire with ``use``."""
 
 
 class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The texts of an item in a study's file."""
+    """The text and labels of an item in the study's file."""
 
     text: str
     low: str = ""
@@ -34,14 +34,14 @@ class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def with_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A design's values with the items of the instruments that its questionnaires use.
+    """Add the items of validated questionnaires to a design's values.
 
     Args:
-        values: the values in TOML, before validation.
+        values: the values of the TOML file, before validation.
         folder: the study's folder.
 
     Raises:
-        ValidationError: for an unknown instrument, or one with missing or incomplete texts.
+        ValidationError: for an unknown questionnaire, or for missing or incomplete texts.
     """
     tables = values.get("questionnaires")
     if not is_array(tables):
@@ -61,7 +61,7 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
 
 
 def check_use(place: Place, questionnaire: Questionnaire) -> None:
-    """Raise ``ValidationError`` for weights that the instrument does not have, or with a wrong sum."""
+    """Raise ``ValidationError`` if the questionnaire has no weights, or if the weights are invalid."""
     if questionnaire.weights is msgspec.UNSET:
         return
     instrument = questionnaire.instrument
@@ -77,7 +77,7 @@ def check_use(place: Place, questionnaire: Questionnaire) -> None:
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
-    """An instrument's items with included texts, or with those of the study's file."""
+    """The items of a validated questionnaire; missing texts are read from the study's file."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
     points = instrument.response.points
@@ -89,7 +89,7 @@ def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
 
 
 def _texts_of_study(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
-    """The texts of all items in the study's file; ``ValidationError`` for missing texts."""
+    """The texts of all items in the study's file. Raises ``ValidationError`` if texts are missing."""
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
@@ -119,7 +119,7 @@ def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
 
 
 def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
-    """The missing items of a file, and their format."""
+    """The missing items of the file, and their format, as text."""
     ends = all(item.low and item.high for item in instrument.items)
     how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
     return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

@@ -1,4 +1,4 @@
-"""Check that each language of a study has all texts that participants read."""
+"""Check that a study has all texts for participants in each of its languages."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 ENGLISH = "en"
-"""The language of AVR Gym's own sentences: tasks, and instruments with included texts."""
+"""Language of AVR Gym's own sentences: goals of tasks, and included questionnaires."""
 MAX_LISTED = 3
 """Maximum number of missing sentences in an error message."""
 
 
 def check_languages(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first language without all texts of a design.
+    """Raise ``ValidationError`` for the first language with missing texts.
 
-    The design is written in the first language. Its sentences need translations into the other languages. Sentences of
-    AVR Gym need translations into all languages except English.
+    The design is written in its first language, and needs translations into the other languages. Sentences of AVR Gym
+    need translations into all languages except English.
     """
     check_unique(("languages",), design.languages)
     for index, language in enumerate(design.languages):
@@ -51,12 +51,12 @@ def check_languages(design: Design, folder: Path) -> None:
 
 
 def participant_sentences(design: Design) -> list[str]:
-    """All sentences of a design that participants read, before translation."""
+    """All sentences that participants read, before translation."""
     return [*_design_sentences(design), *_included_sentences(design)]
 
 
 def _design_sentences(design: Design) -> Iterator[str]:
-    """The sentences in the design itself."""
+    """The sentences that the design contains."""
     yield design.consent.text
     yield from (question.text for question in design.inclusion)
     yield from design.goals.values()
@@ -66,7 +66,7 @@ def _design_sentences(design: Design) -> Iterator[str]:
 
 
 def _included_sentences(design: Design) -> Iterator[str]:
-    """The sentences of AVR Gym that a design uses."""
+    """The sentences of AVR Gym that the design uses."""
     yield from (TASKS[task].goal for task in design.tasks if not design.goals.get(task))
     if design.ask_functioning:
         yield from functioning.sentences()
@@ -86,7 +86,7 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
 
 
 def text_files(design: Design, folder: Path) -> list[str]:
-    """Files with translations and texts of instruments that a design uses, relative to the study's folder."""
+    """Files with translations and questionnaire texts that the design uses, relative to the study's folder."""
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
     names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]
     names += [f"{INSTRUMENTS}/{name}.toml" for name in used]

@@ -1,4 +1,4 @@
-"""Validation of a design's questionnaires and stop rules."""
+"""Validate the questionnaires and stop rules of a design."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from avrgym.system.toml_lines import Place
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
-    """Raise ``ValidationError`` for the first invalid value."""
+    """Raise ``ValidationError`` for the first invalid value of a questionnaire."""
     names: set[str] = set()
     ids: set[str] = set()
     for index, questionnaire in enumerate(questionnaires):
@@ -37,12 +37,13 @@ def _check_item(place: Place, item: Item, known: set[str]) -> None:
     check_id(place if place[-1] == "use" else (*place, "id"), item.id, known)
     if item.labels and len(item.labels) != item.points:
         raise ValidationError(
-            (*place, "labels"), f"{len(item.labels)} labels for {item.points} points; allowed: one for each"
+            (*place, "labels"),
+            f"{len(item.labels)} labels for {item.points} points; allowed: one label for each point",
         )
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``ValidationError`` for the first rule that is invalid or that no answer can meet."""
+    """Raise ``ValidationError`` for the first invalid rule, including rules that no answer or every answer meets."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
@@ -52,5 +53,6 @@ def check_stop_rules(rules: StopRules) -> None:
         if not least < rule.at_least <= most:
             raise ValidationError(
                 (*place, "at_least"),
-                f"{rule.at_least:g} separates no answers to {rule.item}; allowed: above {least:g}, at most {most:g}",
+                f"at_least = {rule.at_least:g} is not useful for {rule.item}; allowed: above {least:g}, "
+                f"at most {most:g}",
             )

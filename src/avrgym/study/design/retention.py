@@ -1,4 +1,4 @@
-"""Retention periods of each kind of data, from the end of the study."""
+"""Retention periods after the end of the study, for each kind of data."""
 
 import calendar
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
 
 
 class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Retention periods after the end of the study. Data without a period are never due.
+    """Retention periods after the end of the study. Data without a period are never deleted.
 
     ``identities_months``: names and contacts. ``recordings_years``: recordings of people. ``data_years``: all data of
     people.
@@ -27,7 +27,7 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def months(self) -> Mapping[str, int]:
-        """The period of each kind of data that has one, in months."""
+        """The retention periods in months, by kind of data; without kinds that have no period."""
         years = {RECORDINGS: self.recordings_years, DATA: self.data_years}
         given = {IDENTITIES: self.identities_months} | {
             kind: None if period is None else 12 * period for kind, period in years.items()
@@ -36,18 +36,18 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def end(self) -> date | None:
-        """The last day of the study, if it is known."""
+        """The last day of the study; ``None`` if unknown."""
         return date.fromisoformat(self.ended_on) if self.ended_on else None
 
     @property
     def due_on(self) -> Mapping[str, date]:
-        """The first day on which each kind of data is due; empty before the end of the study."""
+        """The first day after the retention period, by kind of data; empty if the end of the study is unknown."""
         end = self.end
         return {} if end is None else {kind: _later(end, months) for kind, months in self.months.items()}
 
 
 def check_retention(retention: Retention) -> None:
-    """Raise ``ValidationError`` for an invalid date."""
+    """Raise ``ValidationError`` if the date is invalid."""
     try:
         _ = retention.end
     except ValueError:
@@ -58,6 +58,6 @@ def check_retention(retention: Retention) -> None:
 
 
 def _later(day: date, months: int) -> date:
-    """The same day of a later month, or the last one of it."""
+    """The same day in a later month, or the last day of that month."""
     year, month = divmod(12 * day.year + day.month - 1 + months, 12)
     return date(year, month + 1, min(day.day, calendar.monthrange(year, month + 1)[1]))

@@ -1,4 +1,4 @@
-"""Read the TOML files of a study into structures, and report mistakes with their line and the allowed values."""
+"""Read the TOML files of a study into structs. Errors contain the line and the allowed values."""
 
 import re
 import tomllib
@@ -15,7 +15,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 class ValidationError(Exception):
-    """An invalid value; ``place`` is its position in the file."""
+    """An invalid value. ``place`` is the path of its keys."""
 
     def __init__(self, place: Place, message: str) -> None:
         super().__init__(message)
@@ -23,26 +23,26 @@ class ValidationError(Exception):
 
 
 def check_known(place: Place, name: str, allowed: Iterable[str]) -> None:
-    """Raise ``ValidationError`` for a name that is not allowed."""
+    """Raise ``ValidationError`` if the name is not in ``allowed``."""
     if name not in (names := list(allowed)):
         raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
 def check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for a value that is not one of the choices."""
+    """Raise ``ValidationError`` if the value is not in ``allowed``."""
     if value not in allowed:
         raise ValidationError(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
 
 
 def check_unique(place: Place, names: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for a duplicate name in an array."""
+    """Raise ``ValidationError`` if a name occurs twice."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise ValidationError((*place, index), f"{name!r} is listed twice; allowed: once")
 
 
 def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
-    """Raise ``ValidationError`` for a name with other characters."""
+    """Raise ``ValidationError`` if the name does not match the pattern; ``what`` describes valid names."""
     if not pattern.fullmatch(name):
         raise ValidationError(
             place, f"{name!r} is not a valid name; allowed: {what}, in letters, digits, - and _"
@@ -50,34 +50,34 @@ def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) 
 
 
 def check_id(place: Place, name: str, known: Container[str]) -> None:
-    """Raise ``ValidationError`` for an invalid or duplicate name."""
+    """Raise ``ValidationError`` if the name is invalid or already in ``known``."""
     check_pattern(place, name, NAME, "at most 40 characters")
     if name in known:
         raise ValidationError(place, f"{name!r} is used twice; allowed: a unique name")
 
 
 def check_fields(place: Place, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for an unknown key of a table."""
+    """Raise ``ValidationError`` if the table has an unknown key."""
     for key in table:
         check_known((*place, key), key, allowed)
 
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
-"""The struct of each table in a file, by its path of keys."""
+"""The struct of each table in a file, by the path of its keys."""
 
 
 class DesignError(ValueError):
-    """An invalid design or plan. The message contains file, line, fault and allowed values."""
+    """The design or plan is invalid. The message contains file, line, error and allowed values."""
 
 
 def read_text(path: Path) -> str:
-    """The text of a file; ``DesignError`` if it is not text, ``OSError`` if it cannot be read."""
+    """Read a text file. Raises ``DesignError`` if it is not UTF-8, and ``OSError`` if it cannot be read."""
     try:
         return read_user_text(path)
     except UnicodeDecodeError as error:
         raise DesignError(
-            f"{path}: not text in UTF-8: {error.reason} at byte {error.start}; save it as UTF-8"
+            f"{path}: not a UTF-8 text: {error.reason} at byte {error.start}; save it as UTF-8"
         ) from None
 
 
@@ -89,25 +89,25 @@ def parse_toml(
     check: Callable[[Kind], None],
     complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda values: values,
 ) -> Kind:
-    """The struct in a text in TOML.
+    """Parse and validate a TOML text.
 
     Args:
-        text: the text of the file.
-        name: the name of the file for errors.
-        kind: the struct of the whole file.
-        tables: the structs of its tables.
+        text: the contents of the file.
+        name: name of the file in error messages.
+        kind: struct of the whole file.
+        tables: structs of its tables.
         check: raises ``ValidationError`` for the first invalid value.
-        complete: expands values before the conversion; may raise ``ValidationError``.
+        complete: expands values before validation; may raise ``ValidationError``.
 
     Raises:
-        DesignError: for invalid TOML and invalid values.
+        DesignError: for invalid TOML or invalid values.
     """
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"at line (\d+)", str(error))
         place = f"{name}:{line[1]}" if line else name
-        raise DesignError(f"{place}: not TOML: {error}") from None
+        raise DesignError(f"{place}: invalid TOML: {error}") from None
     try:
         found = msgspec.convert(complete(values), kind)
         check(found)
@@ -120,7 +120,7 @@ def parse_toml(
 
 
 def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:
-    """The position of an error, and its message without the path."""
+    """The path of the invalid value, and the error message without the path."""
     message, _, path = str(error).partition(" - at `$")
     place: Place = tuple(
         int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)

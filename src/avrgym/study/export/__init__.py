@@ -1,4 +1,4 @@
-"""Export a study in formats of other tools. Exports are pseudonymised, not anonymous."""
+"""Export a study in formats of other programs. Exports are pseudonymised, not anonymous."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -19,15 +19,15 @@ FORMATS: Mapping[str, str] = {
     "lerobot": "lerobot",
     "minari": "minari",
 }
-"""The module that writes each format."""
+"""Format, and the module that writes it."""
 WITH_RECORDS = ("csv", "bids")
-"""Formats with events and texts of experimenters. The others contain only trials."""
+"""Formats that contain events and experimenters' texts. Other formats contain only trials."""
 WITH_IMAGES = ("hdf5", "lerobot")
-"""Formats that can contain the images of cameras."""
+"""Formats that can contain camera images."""
 LEFT_OUT = "left_out.csv"
-"""The table of recordings that the export lacks."""
+"""The table of omitted recordings."""
 Write = Callable[..., None]
-"""Writes a study with its undamaged completed attempts into a folder; formats ``WITH_RECORDS`` take extras."""
+"""Writes a study's undamaged completed attempts into a folder. Formats ``WITH_RECORDS`` also accept extras."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -46,7 +46,7 @@ def export_study(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> int:
-    """Export a study into a new or empty folder. After an error there is no folder.
+    """Export a study into a new or empty folder. After an error, the folder does not exist.
 
     Every recording of a completed trial is first read and compared with its checksum.
 
@@ -56,17 +56,17 @@ def export_study(
         out: the folder.
         extras: data that are exported only on request.
         cameras: cameras of each control step, such as ``wrist:128x96:rgb+depth``, rendered from the recorded states.
-        skip_damaged: leave out damaged and missing recordings, and list them in ``left_out.csv``.
-        progress: called after each recording with the number verified and the total.
-        tell: called with each recording that is left out, and the reason.
+        skip_damaged: omit damaged and missing recordings, and list them in ``left_out.csv``.
+        progress: called after each recording with the number of verified recordings and their total number.
+        tell: called with the name of each omitted recording and the reason.
 
     Returns:
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, extras or cameras that the format cannot contain, an unknown camera, a
-            folder that is not empty, a damaged or missing recording, or a missing extra ``export``.
-        RuntimeError: if nothing can be rendered.
+        StudyError: for an unknown format, extras or cameras that the format cannot contain, an unknown camera, a folder
+            that is not empty, or a damaged or missing recording; also if a package of the extra ``export`` is missing.
+        RuntimeError: if rendering fails.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
@@ -94,7 +94,7 @@ def export_study(
 
 def _refusal(left_out: Sequence[LeftOut]) -> str:
     faults = "; ".join(each.reason for each in left_out)
-    return f"nothing was exported: {faults}; --skip-damaged leaves out what is damaged or missing"
+    return f"nothing was exported: {faults}; --skip-damaged omits damaged and missing recordings"
 
 
 def _write(
@@ -124,6 +124,4 @@ def _writer(data_format: str) -> Write:
     try:
         return import_module(f"{__name__}.{FORMATS[data_format]}").write
     except ModuleNotFoundError as error:
-        raise StudyError(
-            f"{error.name} is missing; `pip install avrgym[export]` brings what {data_format} needs"
-        ) from error
+        raise StudyError(f"{data_format} needs {error.name}; run `pip install avrgym[export]`") from error

@@ -1,7 +1,7 @@
-"""A study in BIDS with its extension for motion (https://bids-specification.readthedocs.io, version 1.11).
+"""Export a study in BIDS with its motion extension (https://bids-specification.readthedocs.io, version 1.11).
 
-Each completed trial is a run: tracked head and hands with a LATENCY channel, events, samples of other devices, and a
-row in the session's scans. Answers go to ``phenotype``, with a column for each condition and item.
+Each completed trial is a run. It has tracked head and hands with a LATENCY channel, events, samples of other devices,
+and a row in the session's scans. Answers are in ``phenotype``, with a column for each condition and item.
 """
 
 import gzip
@@ -25,9 +25,9 @@ from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
-"""Tracked point for each field of a tracking frame."""
+"""Name of the tracked point for each field of a tracking frame."""
 RECORDS_FOLDER = "sourcedata"
-"""The folder of events, adverse events and notes; BIDS does not define its contents."""
+"""Folder for events, adverse events and notes. BIDS does not define its contents."""
 AXES = ("x", "y", "z")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 REFERENCE_FRAME = "local_floor"
@@ -41,7 +41,7 @@ CONDITION_COLUMNS = {
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
 ) -> None:
-    """Write the data set of completed attempts into a folder."""
+    """Write completed attempts as a BIDS data set."""
     write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
     (folder / ".bidsignore").write_text(f"{LEFT_OUT}\n", encoding="utf-8")
@@ -146,7 +146,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
-    """Write compressed samples without name and date in the header: equal studies give equal bytes."""
+    """Write samples as gzip without file name and date. Equal studies then result in equal bytes."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
@@ -156,7 +156,7 @@ def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None
 def _write_events(
     events: Sequence[tuple[int, Event]], start_s: float, path: Path, corrected: Mapping[str, Any]
 ) -> None:
-    """Write events with onsets from the first frame; ``corrected`` describes corrected times of marks."""
+    """Write events with onsets from the first tracking frame. ``corrected``: time corrections of text streams."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
         for time_ns, event in sorted(events, key=lambda timed: timed[0])
@@ -237,7 +237,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Whether the tracked pose of a part moved the simulated person: it was not lost, repeated or a jump."""
+    """Whether the part's tracked pose moved the simulated person: it was not lost, repeated or a jump."""
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
@@ -269,7 +269,7 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    """The name of an item or a questionnaire with only the characters of file names."""
+    """A name of an item or questionnaire that is valid in file names."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
 
 
@@ -279,9 +279,10 @@ def _rows_of_answers(
     questionnaire: Questionnaire,
     answered_items: AnsweredItems,
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """One row for each participant with answers, one column for each condition or session and item.
+    """One row for each participant with answers, with a column for each condition (or session) and item.
 
-    The second value maps columns to items.
+    Returns:
+        The rows, and the item of each column.
     """
     rows: list[dict[str, Any]] = []
     item_by_column: dict[str, str] = {}

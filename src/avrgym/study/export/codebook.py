@@ -1,4 +1,4 @@
-"""The codebook: the description of every column of the exported tables."""
+"""The codebook: a description of every column in the exported tables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -28,28 +28,28 @@ ROWS: Mapping[str, type] = {
     "notes": rows.NoteRow,
     "left_out": rows.LeftOutRow,
 }
-"""The type of the rows of each table."""
+"""The row type of each table."""
 TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, row in ROWS.items()}
-"""The columns of each table that do not depend on the study."""
+"""The columns of each table that are the same in all studies."""
 INSTRUMENT_TABLES = ("scores", "scales")
-"""Tables of studies that use validated questionnaires."""
+"""Tables that only studies with validated questionnaires have."""
 RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
 """Tables of events and of experimenters' texts."""
 
 
 def reward_terms(design: Design) -> list[str]:
-    """The reward terms of the design's tasks. Each has a column of the control steps."""
+    """All reward terms of the design's tasks. Each has a column in the table of control steps."""
     return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 
 def action_size(design: Design) -> int:
-    """The largest number of components of an action of the design's robots. Each has a column of the control steps."""
+    """Largest action size of the design's robots. Each component has a column in the table of control steps."""
     robots = [find_robot(name) for name in design.robots]
     return max(len(robot.action_names(arm)) for robot in robots for arm in robot.arms.values())
 
 
 def table_columns(table: str, design: Design) -> Mapping[str, Column]:
-    """Every column of a table, in order."""
+    """All columns of a table, in order."""
     if table != "control_steps":
         return TABLES[table]
     terms = {
@@ -75,7 +75,7 @@ def codebook(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
 
 
 def _unit(term: str) -> str:
-    """The unit at the end of a term's name."""
+    """The unit of a reward term, from the end of its name."""
     for ending, unit in (("_m_s", "m/s"), ("_rad", "rad"), ("_m", "m"), ("_n", "N")):
         if term.endswith(ending):
             return unit

@@ -1,4 +1,4 @@
-"""Functioning and assistive devices of the analysed people, as counts without small groups."""
+"""Counts of functioning and assistive devices of the analysed people; small groups are suppressed."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,13 +10,13 @@ from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 MIN_GROUP_SIZE = 5
-"""Smallest group that is shown. Counts that would reveal a smaller group are suppressed too."""
+"""Smallest group in a table. Counts that would reveal a smaller group are suppressed too."""
 SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """The number of analysed people with each possible answer to each question."""
+    """Number of analysed people with each possible answer to each question."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
@@ -30,7 +30,7 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
 
 
 def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
-    """Counts without small ones, and without others from which small ones could be computed."""
+    """Suppress small counts, and counts from which small counts could be computed; suppressed counts are ``None``."""
     hidden = {place for place, number in enumerate(counts) if 0 < number < min_group_size}
     while hidden and (sum(counts[place] for place in hidden) < min_group_size or len(hidden) < 2):
         shown = [place for place, number in enumerate(counts) if number and place not in hidden]
@@ -41,7 +41,7 @@ def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> lis
 
 
 def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRow]:
-    """The answers of each person."""
+    """Each person's answers; the diagnosis only with ``free_text``."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:
@@ -59,7 +59,7 @@ def _answers(person: Participant) -> Functioning | None:
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
-    """Whether a person has a completed trial for the analysis."""
+    """Whether the person has a completed trial that is not practice."""
     return (
         not person.simulated
         and person.state in PARTICIPATING

@@ -1,6 +1,6 @@
-"""A study as LeRobot datasets, format v3.0, one for each environment, without video.
+"""Export a study as LeRobot datasets (format v3.0), one for each environment, without video.
 
-https://huggingface.co/docs/lerobot/lerobot-dataset-v3 describes it. Colour images are PNG files in the table, of the
+Format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. Colour images are PNG files in the table, with the
 format's type ``image``; depth and segmentation are arrays.
 """
 
@@ -28,7 +28,7 @@ VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Quantiles by the format's names. Policies with quantile normalisation need q01 and q99."""
+"""Quantiles by name in the format. Policies with quantile normalisation need q01 and q99."""
 IMAGES = "observation.images"
 Columns = Mapping[str, NumpyArray]
 
@@ -36,7 +36,7 @@ Columns = Mapping[str, NumpyArray]
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
-    """Write the datasets of completed attempts into a folder."""
+    """Write completed attempts as LeRobot datasets."""
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in scenes(completed).items():
         _write_dataset(attempts, folder / scene, cameras)
@@ -71,7 +71,7 @@ def _task(exported: ExportedAttempt) -> str:
 def _columns(
     exported: ExportedAttempt, episode: int, start: int, task: int, cameras: Sequence[str]
 ) -> Columns:
-    """The frames of one trial by feature, each (steps,) or (steps, size)."""
+    """The frames of one trial by feature; each feature is (steps,) or (steps, size)."""
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
     return {
@@ -117,9 +117,9 @@ def _episode(
 
 
 def statistics(values: NumpyArray) -> dict[str, list[float]]:
-    """The statistics of a feature over all frames; each is a list of the feature's size.
+    """Statistics of a feature over all frames; each is a list of the feature's size.
 
-    Quantiles of a data set are those of its frames. Averages of the episodes' quantiles would be too narrow.
+    Quantiles are computed over all frames. Averages over the quantiles of episodes would be too narrow.
     """
     if values.ndim > 2:
         return _image_statistics(values)
@@ -173,7 +173,7 @@ def _png(image: NumpyArray) -> bytes:
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
-    """The numbers of the tasks, with their texts as the pandas index."""
+    """Table of task numbers; the pandas index contains their texts."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -217,7 +217,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """Names of a feature's components; none for recordings of a version with another size."""
+    """Names of each feature's components; empty for recordings with another size."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.action_names)}

@@ -1,7 +1,8 @@
-"""A study as Minari datasets (https://minari.farama.org), one for each environment, in its HDF5 format.
+"""Export a study as Minari datasets (https://minari.farama.org) in HDF5, one for each environment.
 
-Set ``MINARI_DATASETS_PATH`` to the folder; then ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens one. There
-is no observation after the last step: the last one is repeated. Trials end by time: all are truncated.
+With ``MINARI_DATASETS_PATH`` set to the folder, ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens a dataset.
+Recordings contain no observation after the last step, so the last observation is repeated. All trials are truncated,
+because they end after a fixed time.
 """
 
 import json
@@ -18,11 +19,11 @@ from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
 MINARI_VERSION = "0.5.0"
-"""The version of Minari's format."""
+"""Version of Minari's dataset format."""
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
-    """Write the datasets of completed attempts into a folder."""
+    """Write completed attempts as Minari datasets."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in scenes(completed).items():
         data = folder / "avrgym" / scene / "study-v0" / "data"
@@ -37,7 +38,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 
 def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) -> tuple[int, int, int]:
-    """Write one trial; returns the number of steps and the sizes of observation and action."""
+    """Write one trial. Returns the number of steps, and the sizes of observation and action."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     actions = np.array([control.action for control in steps], np.float32)
@@ -74,6 +75,6 @@ def _metadata(
 
 
 def _box(size: int, bound: float, dtype: str) -> str:
-    """A box space as Minari writes it."""
+    """A box space in Minari's JSON format."""
     ends = {"low": [-bound] * size, "high": [bound] * size}
     return json.dumps({"type": "Box", "dtype": dtype, "shape": [size], **ends})

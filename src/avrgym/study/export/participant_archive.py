@@ -1,4 +1,4 @@
-"""Archive of all data of one participant, for participants who request their data."""
+"""Archive of all data of one participant, for the participant's right of access."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +26,7 @@ from avrgym.system.files import private_opener
 
 INDEX = "README.md"
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
-"""Events with a detail that names other participants."""
+"""Events whose detail contains names of other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
@@ -48,18 +48,18 @@ FILE_CONTENTS: Mapping[str, str] = {
     "the libraries of MCAP open these files.",
     "codebook.csv": "The description of each column, with unit and allowed values.",
 }
-"""Contents of each file of the archive, in the order of the index."""
+"""Description of each file in the archive, in the order of the index."""
 
 
 def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
-    """Write all data of one participant into a new ZIP archive that only its owner can read.
+    """Write all data of one participant to a new ZIP archive that only its owner can read.
 
     Returns:
         The number of files.
 
     Raises:
         StudyError: for an unknown participant or an existing file.
-        OSError: if it cannot be written.
+        OSError: if the archive cannot be written.
     """
     person = store.participant(pseudonym)
     if path.exists():
@@ -75,7 +75,7 @@ def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
 
 
 def _write(store: Store, person: Participant, folder: Path) -> None:
-    """Write all files except recordings and index."""
+    """Write all files except the recordings and the index."""
     tables = _tables(store, person)
     for name, rows in tables.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
@@ -126,7 +126,7 @@ def _without_others(row: EventRow) -> EventRow:
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:
-    """Pack the index, the files of a folder and the recordings; returns all names."""
+    """Pack the index, the files of a folder and the recordings. Returns all file names."""
     recordings = store.folder / RECORDINGS / person.pseudonym
     files = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
     files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}
@@ -156,11 +156,11 @@ def _index(store: Store, person: Participant, names: list[str]) -> str:
             f"# {store.design.title}: the data of {person.pseudonym}",
             "",
             *simulated,
-            "This archive contains what the study holds about one person under this number. Regulation (EU) "
+            "This archive contains all data of the study about one person under this number. Regulation (EU) "
             "2016/679 (GDPR) gives them the right to a copy (Article 15), and to receive what they provided in a "
             "common, machine-readable format (Article 20). Tables and recordings have no data of other people.",
             "",
-            "| file | what it contains |",
+            "| file | contents |",
             "|---|---|",
             *(f"| `{what}` | {words} |" for what, words in present),
             "",

@@ -1,4 +1,4 @@
-"""Streams of other devices in BIDS: physiological recordings, eye tracking, and marks."""
+"""Export streams of other devices in BIDS: physiological recordings, eye tracking, and marks (text streams)."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,30 +13,30 @@ from avrgym.recording.schema import Event, Stream
 from avrgym.recording.streams import Chunks, SampleTimes, Topics, sample_times, stream_chunks, streams_by_name
 
 GAZE = "gaze"
-"""The stream type of eye trackers in Lab Streaming Layer."""
+"""Stream type of eye trackers in Lab Streaming Layer."""
 AXES = ("x", "y")
 COORDINATES = ("x_coordinate", "y_coordinate")
-"""BIDS names of the gaze coordinates along the axes."""
+"""BIDS names of the gaze coordinates."""
 OF_EYES = {
     "PhysioType": "eyetrack",
     "RecordedEye": "cyclopean",
     "SampleCoordinateSystem": "custom",
-    "SampleCoordinateSystemDescription": "As the device gives them; its channels' names say more.",
+    "SampleCoordinateSystemDescription": "As the device reports them; see the names of its channels.",
 }
 TIMESTAMP = {
-    "Description": "When the sample was taken, from the first tracking frame on; clocks are aligned.",
+    "Description": "Time of the sample, from the first tracking frame on; clocks are synchronised.",
     "Units": "s",
 }
 CORRECTED = (
-    "Times are corrected where the device's clock jumped, by when samples arrived, and never decrease."
+    "If the device's clock jumped, times are corrected by the arrival of samples. They never decrease."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
+    """Samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
 
-    ``columns``: column names. ``labels``: the device's channel names. ``units``: of the channels. ``corrections``:
+    ``columns``: column names. ``labels`` and ``units``: the device's channel names and units. ``corrections``:
     description of time corrections, empty without any.
     """
 
@@ -49,12 +49,12 @@ class Series:
     corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
-        """The time and the values of each sample; ``None`` for values that are not finite."""
+        """Time and values of each sample; ``None`` for values that are not finite."""
         for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
             yield [time_s, *(value if isfinite(value) else None for value in row)]
 
     def sidecar(self) -> dict[str, Any]:
-        """The contents of the JSON file that describes the samples."""
+        """Contents of the JSON file that describes the samples."""
         stream, lasted_s = self.stream, float(np.ptp(self.time_s))
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.columns[:2]) == COORDINATES
@@ -75,7 +75,7 @@ class Series:
 
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
-    """The numeric streams of a recording; ``start_s`` is the time of its first tracking frame."""
+    """The numeric streams of a recording. ``start_s``: time of the first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in stream_chunks(topics, name) if each[1].values]
         if chunks:
@@ -84,7 +84,7 @@ def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
 
 
 def marks(topics: Topics) -> list[tuple[int, Event]]:
-    """The samples of text streams as events with the name of the stream, and their times in nanoseconds."""
+    """Samples of text streams as events, with their times in nanoseconds. The event's name is the stream's name."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
         for name, chunks in _text_chunks(topics)
@@ -95,7 +95,7 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
-    """The time corrections of each text stream, by name."""
+    """Time corrections of each text stream, by name."""
     found = {name: corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)}
     return {name: each for name, each in found.items() if each}
 
@@ -106,7 +106,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
 
 
 def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
-    """The time corrections of a stream for the JSON file; empty without corrections."""
+    """Description of a stream's time corrections, for the JSON file; empty without corrections."""
     if not times.resets and not times.raised:
         return {}
     return {
@@ -119,7 +119,7 @@ def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
 
 
 def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> Series:
-    """The columns in the device's order; gaze coordinates come first."""
+    """The stream's columns in the device's order, with gaze coordinates first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
@@ -144,7 +144,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
 
 
 def _column_names(labels: Sequence[str]) -> dict[int, str]:
-    """A unique name for each column: its label in letters and digits, with a number if it is taken."""
+    """A unique name for each column: letters and digits of its label, with a number for duplicates."""
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
         name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"
@@ -154,7 +154,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
 
 
 def _ends_with(label: str, axis: str) -> bool:
-    """Whether the last word of a channel's name is an axis, without units in brackets."""
+    """Whether the last word of a channel's name, without the unit in brackets, is the axis."""
     words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
     return bool(words) and words[-1] == axis
 

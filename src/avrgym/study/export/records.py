@@ -1,6 +1,6 @@
-"""Tables of events, adverse events, notes and the audit log.
+"""Export events, adverse events, notes and the audit log.
 
-Free text may name people. It is exported only on request, and so are the names of experimenters.
+Free text may contain names of people. It is exported only on request, and so are names of experimenters.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +21,7 @@ from avrgym.system.columns import Column
 from avrgym.system.files import write_folder_atomically
 
 FREE_TEXT_EVENTS = ("participant withdrawn",)
-"""Events with a detail that an experimenter wrote."""
+"""Events whose detail is free text of an experimenter."""
 Rows = Sequence[object]
 
 
@@ -29,7 +29,7 @@ Rows = Sequence[object]
 class Extras:
     """Data that are exported only on request.
 
-    ``free_text``: texts and names of experimenters. ``health``: each person's answers about functioning.
+    ``free_text``: free text, and names of experimenters. ``health``: each person's answers about functioning.
     """
 
     free_text: bool = False
@@ -41,7 +41,7 @@ NO_EXTRAS = Extras()
 
 
 def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
-    """The rows of each table of the export, by table."""
+    """The rows of each table, by the table's name."""
     people = store.participants()
     tables: dict[str, Rows] = {
         "events": list(event_rows(store, people, extras)),
@@ -55,7 +55,7 @@ def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
 
 
 def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> Iterator[EventRow]:
-    """Events of these participants and of the whole study, in the order of storage."""
+    """Events of these participants and of the whole study, in the order in which they were stored."""
     known = {person.number: person for person in people}
     sessions, attempts = _session_numbers(store, known.values()), _attempts(store, known.values())
     participants = _session_participants(store)
@@ -81,7 +81,7 @@ def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> I
 def adverse_event_rows(
     store: Store, people: Iterable[Participant], extras: Extras
 ) -> Iterator[AdverseEventRow]:
-    """Every report of every adverse event of these participants."""
+    """All reports of all adverse events of these participants."""
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}
         for event in group_by_event(store.adverse_events(person.pseudonym)):
@@ -111,7 +111,7 @@ def adverse_event_rows(
 
 
 def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
-    """The experimenter's notes on these participants."""
+    """Experimenters' notes about these participants."""
     for person in people:
         sessions = _session_numbers(store, [person])
         for note in store.notes(person.pseudonym):
@@ -120,7 +120,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
 
 
 def log_rows(store: Store, extras: Extras) -> Iterator[LogRow]:
-    """Every entry of the audit log; experimenters by number, or by name with the extras."""
+    """All entries of the audit log. An experimenter is a number; with ``free_text``, a name."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}
@@ -142,11 +142,13 @@ def log_rows(store: Store, extras: Extras) -> Iterator[LogRow]:
 
 
 def write_adverse_events(store: Store, out: Path) -> None:
-    """Write every report with its free text, and a codebook, into a new folder that only its owner can open.
+    """Write all reports of adverse events with free text, and a codebook, into a new folder.
+
+    Only its owner can open the folder.
 
     Raises:
         StudyError: if the folder is not empty.
-        OSError: if it cannot be written.
+        OSError: if the folder cannot be written.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} is not empty; choose another folder")
@@ -155,7 +157,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
 
 
 def write_table(folder: Path, name: str, rows: Rows) -> None:
-    """Write a table as TSV, and the description of its columns as JSON."""
+    """Write a table as TSV, and the descriptions of its columns as JSON."""
     columns = TABLES[name]
     write_tsv(folder / f"{name}.tsv", [list(columns), *(list(as_mapping(row).values()) for row in rows)])
     write_json(folder / f"{name}.json", {name: _described(column) for name, column in columns.items()})
@@ -168,18 +170,18 @@ def _described(column: Column) -> dict[str, str]:
 
 
 def _session_numbers(store: Store, people: Iterable[Participant]) -> dict[int, int]:
-    """The numbers of sessions by id."""
+    """Number of each session, by id."""
     return {each.id: each.number for person in people for each in store.sessions(person.pseudonym)}
 
 
 def _session_participants(store: Store) -> dict[int, int]:
-    """The number of the participant of each session by its id."""
+    """Number of each session's participant, by the session's id."""
     people = store.participants()
     return {session.id: session.participant for each in people for session in store.sessions(each.pseudonym)}
 
 
 def _attempts(store: Store, people: Iterable[Participant]) -> dict[int, tuple[Trial, TrialAttempt]]:
-    """Trial and attempt by the id of the attempt."""
+    """Trial and attempt, by the attempt's id."""
     found: dict[int, tuple[Trial, TrialAttempt]] = {}
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}

@@ -1,10 +1,10 @@
-"""A study as demonstrations for robomimic, one HDF5 file for each environment.
+"""Export a study as robomimic demonstrations, one HDF5 file for each environment.
 
-https://robomimic.github.io/docs/datasets/overview.html describes the format. There is no observation after the last
-step: the last next observation repeats the last one. robomimic expects the name ``flat`` for such observations; it is
-a second name of ``observation``.
+Format: https://robomimic.github.io/docs/datasets/overview.html. Recordings contain no observation after the last
+step, so the last next observation repeats the last observation. robomimic expects the name ``flat`` for such
+observations; it is a second name of ``observation``.
 
-``create_env_from_metadata`` makes the environments by the module ``old_gym``.
+``create_env_from_metadata`` creates the environments with the module ``old_gym``.
 """
 
 import json
@@ -19,16 +19,16 @@ from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
 ENV_TYPE_GYM = 2
-"""robomimic's number for environments of gym."""
+"""robomimic's number for Gym environments."""
 ENV_MODULE = "old_gym"
-"""The module that gym imports before it makes one."""
+"""The module that Gym imports before it creates an environment."""
 OBSERVATION, ALSO = "observation", "flat"
 
 
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
-    """Write the files of completed attempts into a folder."""
+    """Write completed attempts as robomimic files."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in scenes(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
@@ -53,7 +53,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: S
 
 
 def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
-    """The demonstrations in each of robomimic's filters."""
+    """The demonstrations in each of robomimic's filter keys."""
     practice = [exported.trial.practice for exported in attempts]
     simulated = [exported.participant.simulated for exported in attempts]
     success = [bool(exported.attempt.metrics.success) for exported in attempts]
@@ -73,7 +73,7 @@ def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
 
 
 def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: Sequence[str]) -> int:
-    """Write one trial; returns the number of samples."""
+    """Write one trial. Returns the number of samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     for name, value in vars(exported.labels()).items():

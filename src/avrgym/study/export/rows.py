@@ -1,4 +1,4 @@
-"""The rows of the exported tables. Each field carries the description of its column."""
+"""Rows of the exported tables. Each field contains the description of its column."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -171,7 +171,7 @@ class TrialRow:
 
 @dataclass(frozen=True)
 class AttemptLabels:
-    """The labels that identify one attempt."""
+    """Fields that identify one attempt."""
 
     participant: Pseudonym
     site: Site
@@ -213,7 +213,7 @@ class AttemptRow(AttemptLabels):
 
 @dataclass(frozen=True)
 class LeftOutRow(AttemptLabels):
-    """One attempt whose recording was left out."""
+    """An attempt whose recording was omitted."""
 
     reason: Annotated[str, Column("Why the recording was left out.")]
 
@@ -238,7 +238,7 @@ class ControlStepRow(AttemptLabels):
 
 @dataclass(frozen=True)
 class AnswerLabels:
-    """The labels of an answer; those about a whole session have no trial."""
+    """Fields that identify an answer. Answers about a whole session have no trial."""
 
     participant: Pseudonym
     site: Site
@@ -406,7 +406,7 @@ class AdverseEventRow:
 
 @dataclass(frozen=True)
 class FunctioningCountRow:
-    """The number of people who gave one answer about functioning."""
+    """Number of people who gave one answer about functioning."""
 
     question: Annotated[str, Column("The domain of the Washington Group Short Set, or devices.")]
     answer: Annotated[str, Column("A level of difficulty, or a class of ISO 9999.")]
@@ -425,7 +425,7 @@ def _difficulty(domain: str) -> Column:
 
 @dataclass(frozen=True)
 class FunctioningRow:
-    """The answers of one person about functioning."""
+    """One person's answers about functioning."""
 
     participant: Pseudonym
     site: Site
@@ -446,7 +446,7 @@ class FunctioningRow:
 
 @dataclass(frozen=True)
 class NoteRow:
-    """One note of an experimenter."""
+    """One note of an experimenter about a participant."""
 
     participant: Pseudonym
     site: Site

@@ -1,4 +1,4 @@
-"""Scores of validated questionnaires, from a participant's answers at one time."""
+"""Compute scores of validated questionnaires from a participant's answers at one time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
 When = tuple[int, int, str]
-"""Attempt (or 0), visit and moment of the questions."""
+"""Time of answers: attempt (0 without an attempt), session, and moment."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """One score from the answers at one time; ``value`` is ``None`` if required answers are missing."""
+    """The score of one scale from the answers at one time; ``value`` is ``None`` if required answers are missing."""
 
     questionnaire: Questionnaire
     instrument: Instrument
@@ -30,7 +30,7 @@ class Score:
     answers: tuple[ExportedAnswer, ...]
 
     def row(self) -> ScoreRow:
-        """The row of this score in tables."""
+        """This score as a row of a table."""
         minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
@@ -48,10 +48,11 @@ class Score:
 def scores_of(
     store: Store, participant: Participant, answers: Sequence[ExportedAnswer], answered_items: AnsweredItems
 ) -> list[Score]:
-    """Every score of a participant, in the order of their answers.
+    """All scores of a participant, in the order of their answers.
 
-    After a crash, the next session asks the remaining items: all answers of one visit count together. The weights are
-    those of the design; otherwise the participant's answers at the same time; otherwise the latest ones.
+    After a crash, the next session asks the remaining items; all answers of this session are then scored together.
+    Weights are those in the design; without them, those from the participant's answers at the same time, or else the
+    latest.
     """
     sessions = store.sessions(participant.pseudonym)
     answers_by_questionnaire: dict[tuple[str, When], list[ExportedAnswer]] = {}
@@ -106,7 +107,7 @@ def uses_instruments(design: Design) -> bool:
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
-    """Whether the answer is to an item of a validated questionnaire."""
+    """Whether the item belongs to a validated questionnaire."""
     instrument = answer.questionnaire.instrument
     return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
 
@@ -134,7 +135,7 @@ def _weights(
     when: When,
     given: Mapping[tuple[str, When], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
-    """The weights of a questionnaire's weighted score at one time; ``None`` without weights."""
+    """Weights of a questionnaire's weighted score at one time; ``None`` if there are none."""
     if questionnaire.weights is not msgspec.UNSET:
         return questionnaire.weights
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
@@ -153,7 +154,7 @@ def _weights(
 
 
 def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
-    """The weights from complete answers; ``None`` if one is missing."""
+    """The weights from the participant's answers; ``None`` if an answer is missing."""
     scores = instrument.score(answers)
     weights = {scale: round(score) for scale, score in scores.items() if score is not None}
     return weights if len(weights) == len(scores) else None

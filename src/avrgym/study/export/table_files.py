@@ -1,4 +1,4 @@
-"""Files of tables: CSV, and tab-separated values with JSON for BIDS."""
+"""Write tables as CSV, and as TSV with JSON for BIDS."""
 
 import csv
 import json
@@ -10,13 +10,13 @@ from avrgym.system.files import open_new_csv
 from avrgym.system.type_guards import is_table
 
 FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""First characters of texts that a spreadsheet would run as a formula."""
+"""A spreadsheet could run text with these first characters as a formula."""
 
 
 def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> None:
-    """Write rows of equal columns, which are dataclasses or mappings.
+    """Write rows with the same columns; a row is a dataclass instance or a mapping.
 
-    An empty table has a heading only if ``columns`` are given.
+    If there are no rows, the header is written only with ``columns``.
     """
     heading = list(columns)
     with open_new_csv(path) as file:
@@ -31,25 +31,25 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
 
 
 def as_mapping(row: object) -> Mapping[str, Any]:
-    """The values of a row by column."""
+    """The row's values by column."""
     return row if is_table(row) else vars(row)
 
 
 def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows with tabs between values; a missing value is ``n/a``."""
+    """Write rows as tab-separated values (TSV). A missing value is ``n/a``."""
     with open(path, "x", encoding="utf-8", newline="") as file:
         for row in rows:
             file.write("\t".join(tsv_cell(value) for value in row) + "\n")
 
 
 def tsv_cell(value: Any) -> str:
-    """A value without tabs and line breaks."""
+    """The value as text without tabs and line breaks."""
     text = " ".join(str(spreadsheet_safe(value)).split()) if value is not None else ""
     return text or "n/a"
 
 
 def spreadsheet_safe(value: Any) -> Any:
-    """A value of a table: ``true`` and ``false`` for booleans, an apostrophe before text that looks like a formula."""
+    """The value for a table: booleans become ``true`` or ``false``, and possible formulas get an apostrophe."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str) and value.startswith(FORMULA_PREFIXES):

@@ -1,4 +1,4 @@
-"""A study as CSV tables."""
+"""Export a study as CSV tables."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,15 +30,15 @@ from avrgym.study.storage.store import Store
 
 CONSENT_TEXTS = "consent_texts"
 CHECKSUM_DIGITS = 12
-"""Number of digits of the checksum in the names of files."""
+"""Number of checksum digits in file names."""
 Heights = Mapping[int, float | None]
-"""Torso heights in metres, by the id of the attempt."""
+"""Torso heights in metres, by attempt id."""
 
 
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
 ) -> None:
-    """Write all tables into a folder, with the control steps of completed attempts."""
+    """Write all tables into a folder. The table of control steps contains completed attempts."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights: Heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
@@ -71,7 +71,7 @@ def participant_tables(
     heights: Heights,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
-    """The tables with one participant in each row, by name."""
+    """All tables whose rows belong to a participant, by name."""
     tables: dict[str, Iterable[Any]] = {
         "participants": _participants(store, _median_heights(completed, heights)),
         "consents": consent_rows(store),
@@ -95,7 +95,7 @@ def participant_tables(
 
 
 def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> dict[str, float]:
-    """The median torso height of each participant."""
+    """Each participant's median torso height, in metres."""
     heights_by_participant: dict[str, list[float]] = defaultdict(list)
     for exported in completed:
         height = heights[exported.attempt.id]
@@ -105,7 +105,7 @@ def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> d
 
 
 def item_rows(design: Design) -> Iterator[ItemRow]:
-    """The items of the design's questionnaires."""
+    """All items of the design's questionnaires."""
     for questionnaire in design.questionnaires:
         for item in questionnaire.items:
             scale = questionnaire.scale_of(item)
@@ -124,7 +124,7 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
 
 
 def consent_rows(store: Store) -> Iterator[ConsentRow]:
-    """Every decision of every participant, in order."""
+    """All decisions of all participants about consent texts, in order."""
     files = {archived.sha256: _consent_file(archived) for archived in store.consent_texts()}
     for participant in store.participants():
         for number, each in enumerate(store.consents(participant.pseudonym), start=1):
@@ -143,7 +143,7 @@ def consent_rows(store: Store) -> Iterator[ConsentRow]:
 
 
 def write_consent_texts(store: Store, folder: Path) -> None:
-    """Write every archived text into a file of the same checksum."""
+    """Write every archived consent text to a file. The file name contains the text's checksum."""
     for archived in store.consent_texts():
         path = folder / _consent_file(archived)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -236,5 +236,5 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
 
 
 def _action_of(action: Sequence[float], joint: int) -> float | None:
-    """The action of a joint; ``None`` for an arm with fewer joints."""
+    """The action of a joint; ``None`` if the arm has fewer joints."""
     return action[joint] if joint < len(action) else None

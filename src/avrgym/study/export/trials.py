@@ -1,4 +1,4 @@
-"""The attempts of a study with their participants, sessions and recordings, for all exports."""
+"""A study's attempts with participant, session, trial and recording, for all export formats."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -39,18 +39,18 @@ class ExportedAttempt:
 
     @property
     def scene(self) -> str:
-        """Task and robot as one name."""
+        """Task and robot as one name, such as ``FeedingJaco``."""
         return self.trial.task + self.trial.robot
 
     def read(self) -> Recording:
-        """Read the recording up to its end or damage. It is large and not cached."""
+        """Read the recording up to its end or to the first damage. It is large and not cached."""
         return read_recording(self.store.path(self.attempt.recording))
 
     def read_whole(self) -> Recording:
-        """Read the complete, unchanged recording.
+        """Read the recording, which must be complete and unchanged.
 
         Raises:
-            StudyError: if it is missing, damaged or changed; the message begins with its name.
+            StudyError: if the recording is missing, damaged or changed; the message begins with its name.
         """
         name = self.attempt.recording
         if not self.store.path(name).is_file():
@@ -66,11 +66,11 @@ class ExportedAttempt:
         return recording
 
     def is_changed(self) -> bool:
-        """Whether the recording exists and has changed since its trial was completed."""
+        """Whether the recording exists, but has changed since its trial was completed."""
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:
-        """Torso height of the participant's body model in the trial."""
+        """Torso height of the participant's body model in this trial."""
         if self.attempt.torso_height_m is not None:
             return self.attempt.torso_height_m
         return read_header(self.store.path(self.attempt.recording)).configuration.person.torso_height_m
@@ -81,7 +81,7 @@ class ExportedAttempt:
         return "is missing" if here else f"is at another station; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
-        """The control steps with their times in seconds; raises the errors of ``read_whole``."""
+        """The control steps, with their times in seconds. Raises the errors of ``read_whole``."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
@@ -101,7 +101,7 @@ class ExportedAttempt:
         return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
 
     def labels(self) -> AttemptLabels:
-        """The labels that identify this attempt in tables."""
+        """The fields that identify this attempt in tables."""
         return AttemptLabels(
             participant=self.participant.pseudonym,
             site=self.participant.site,
@@ -117,13 +117,13 @@ class ExportedAttempt:
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """Every attempt of every participant, in the order of their start."""
+    """All attempts of all participants, in the order of their start."""
     for participant in store.participants():
         yield from attempts_of(store, participant)
 
 
 def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAttempt]:
-    """Every attempt of a participant, in the order of their start."""
+    """All attempts of a participant, in the order of their start."""
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -136,15 +136,16 @@ def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAtte
 
 
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """The completed attempts."""
+    """All completed attempts."""
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
 
 
 @dataclass(frozen=True)
 class ExportedAnswer:
-    """One answer with its participant, session and attempt; answers about a whole session have no attempt.
+    """One answer with its participant, session and attempt. Answers about a whole session have no attempt.
 
-    ``moment``: before or after a session, or after a trial. ``item``: the version that the participant read.
+    ``moment``: before a session, after a trial, or after a session. ``item``: the item's version that the participant
+    read.
     """
 
     participant: Participant
@@ -156,7 +157,7 @@ class ExportedAnswer:
     item: Item
 
     def labels(self) -> AnswerLabels:
-        """The labels of this answer in tables."""
+        """The fields that identify this answer in tables."""
         attempt = self.attempt
         return AnswerLabels(
             participant=self.participant.pseudonym,
@@ -174,7 +175,7 @@ class ExportedAnswer:
         )
 
     def row(self) -> AnswerRow:
-        """The row of this answer in tables."""
+        """This answer as a row of a table."""
         scale = self.questionnaire.scale_of(self.item)
         return AnswerRow(
             **vars(self.labels()),
@@ -191,7 +192,7 @@ class ExportedAnswer:
 def answers_of(
     store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], answered_items: AnsweredItems
 ) -> list[ExportedAnswer]:
-    """All answers of a participant in order; ``attempts`` must include those of the participant."""
+    """All answers of a participant, in order. ``attempts`` must contain all attempts of the participant."""
     by_id = {exported.attempt.id: exported for exported in attempts}
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -212,7 +213,7 @@ def answers_of(
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A completed attempt with a recording that cannot be exported; ``reason`` begins with its name."""
+    """A completed attempt whose recording cannot be exported. ``reason`` begins with the recording's name."""
 
     attempt: ExportedAttempt
     reason: str
@@ -221,7 +222,10 @@ class LeftOut:
 def verified(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
-    """Attempts with complete, unchanged recordings, and the others; ``progress`` takes number read and total."""
+    """Split attempts into those with a complete, unchanged recording, and the others.
+
+    ``progress``: called with the number of recordings read and their total number.
+    """
     sound: list[ExportedAttempt] = []
     left_out: list[LeftOut] = []
     for number, exported in enumerate(attempts, start=1):
@@ -235,7 +239,7 @@ def verified(
 
 
 def scenes(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
-    """Attempts by task and robot, for formats that need observations of equal size."""
+    """Attempts by task and robot, for formats in which all observations have the same size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)

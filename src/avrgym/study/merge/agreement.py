@@ -1,4 +1,4 @@
-"""Comparison of studies before a merge: design, texts, policies and plan."""
+"""Compare studies before a merge: their designs, texts, policies and plans."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -19,16 +19,16 @@ from avrgym.system.toml_lines import Place, line_of
 from avrgym.texts.interface_texts import read_texts
 
 MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
-"""Fields that must be equal in all studies of a merge."""
+"""Design fields that must be equal at all sites."""
 NamedStudy = tuple[str, Store]
-"""The name of a site and its study."""
+"""Name of a site, and its study."""
 
 
 def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
-    """The differences between two studies as text.
+    """Descriptions of the differences between two studies.
 
     Raises:
-        StudyError: for differences that are not ``accepted``, or in a field of ``MUST_AGREE``.
+        StudyError: for differences that are not ``accepted``, or for a difference in a field of ``MUST_AGREE``.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
     never = [each for each in designs if each[0][0] in MUST_AGREE]
@@ -40,9 +40,7 @@ def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[st
     found = [_of_designs(a, b, *each) for each in designs]
     found += [_difference_text(*each, a[0], b[0]) for each in _other_differences(a[1], b[1])]
     if found and not accepted:
-        raise StudyError(
-            f"nothing was merged: {'; '.join(found)}; --accept-differences merges them nevertheless"
-        )
+        raise StudyError(f"nothing was merged: {'; '.join(found)}; use --accept-differences to merge them")
     return found
 
 
@@ -56,7 +54,7 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
-    """A difference between designs, with the lines in their files."""
+    """A difference between two designs as text, with the lines in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {place_text(place)}", here, there, *at)
 
@@ -66,7 +64,7 @@ def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:
 
 
 def _line(store: Store, place: Place) -> str:
-    """The line of a value or its table; empty if the file does not contain it."""
+    """The line of a value, or of its table; empty if the file contains neither."""
     text = read_text(store.folder / DESIGN)
     for length in range(len(place), 0, -1):
         try:
@@ -77,7 +75,7 @@ def _line(store: Store, place: Place) -> str:
 
 
 def _design(store: Store) -> dict[str, Any]:
-    """The fields of a design that apply to all sites."""
+    """The design's fields that must be equal at all sites."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in SITE_FIELDS}
 

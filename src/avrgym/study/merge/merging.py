@@ -1,8 +1,9 @@
-"""Merges the studies of several sites into one.
+"""Merge the studies of several sites into one.
 
-Keys in the merged study follow from the site's number and the row's key at the site. A merge compares, and writes rows
-that are missing or older. It can be repeated: after a kill the next merge completes it, and without news nothing
-changes. A participant's recordings are copied first, then their rows are written in one transaction.
+The primary key of a merged row is computed from the site's number and the row's key at the site. A merge compares
+all rows, and writes missing and changed rows. It can be repeated: after an interruption, the next merge completes it;
+without new data, nothing changes. For each participant, recordings are copied first; then all rows are written in one
+transaction.
 """
 
 import os
@@ -45,7 +46,7 @@ from avrgym.system.files import make_private_folder, remove_unfinished, write_fo
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
-    """Create an empty study like one of its sites in a new folder; ``names``: sites by number."""
+    """Create an empty study with the design of one site in a new folder. ``names``: names of sites by number."""
 
     def write(folder: Path) -> None:
         write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
@@ -60,7 +61,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 
 def _without_local(design: str) -> str:
-    """The text of a design without fields of a site; the rest is unchanged."""
+    """The text of a design without the fields of a single site. The other lines are unchanged."""
     document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in SITE_FIELDS):
         return design
@@ -70,7 +71,7 @@ def _without_local(design: str) -> str:
 
 
 def _own_files(store: Store) -> Iterator[Path]:
-    """Files that design and plan need, relative to the study's folder."""
+    """Files that the design and the plan need, relative to the study's folder."""
     own = [
         store.folder / name
         for name in (PLAN, FROZEN, TIME_STAMP, REGISTRATION, *text_files(store.design, store.folder))
@@ -83,7 +84,7 @@ def _own_files(store: Store) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class MergedSite:
-    """Counts of a merged site: participants, recordings, and the new ones of them."""
+    """Result of merging one site: numbers of participants and recordings, and of new and deleted ones."""
 
     site: str
     participants: int
@@ -96,7 +97,7 @@ class MergedSite:
 
 @dataclass
 class _SiteMerge:
-    """A site during a merge."""
+    """State of one site during a merge."""
 
     number: int
     source: SiteStudy
@@ -123,14 +124,14 @@ def merge_studies(
         folders: the folders of the sites' studies.
         out: the folder of the merged study.
         accept_differences: merge studies with different designs or plans.
-        skip_damaged: leave out recordings that are damaged or missing at their site.
-        progress: called with the numbers of compared recordings and all recordings.
-        tell: called with each accepted difference and each left out recording.
+        skip_damaged: omit recordings that are damaged or missing at their site.
+        progress: called with the number of compared recordings and their total number.
+        tell: called with each accepted difference, and with each omitted recording.
 
     Raises:
-        StudyError: when studies differ, are the same, were changed by another program or lack recordings, or ``out``
+        StudyError: if studies differ, are the same, were changed by another program or lack recordings, or if ``out``
             is another study. Nothing is changed then.
-        DesignError: when a site's ``study.toml`` is invalid.
+        DesignError: if a site's ``study.toml`` is invalid.
     """
     _check_places(folders, out)
     with ExitStack() as stack:
@@ -164,20 +165,20 @@ def _check_places(folders: Sequence[Path], out: Path) -> None:
 
 
 def _open_merged(out: Path, stack: ExitStack) -> Store | None:
-    """The merged study in a folder; ``None`` for a new or empty folder."""
+    """Open the merged study in a folder; ``None`` for a new or empty folder."""
     if not out.exists() or not any(out.iterdir()):
         return None
     if (out / DATABASE).is_file():
         store = stack.enter_context(Store(out))
         if store.sites():
             return store
-    raise StudyError(f"{out} contains other files; choose a new folder, or one of an earlier merge")
+    raise StudyError(f"{out} contains other files; choose a new folder, or the folder of an earlier merge")
 
 
 def _number(
     sources: Sequence[SiteStudy], merged: Store | None, out: Path, *, accepted: bool
 ) -> list[_SiteMerge]:
-    """The sites with their numbers and recordings; ``StudyError`` if they do not match the merged study."""
+    """Assign numbers to the sites. Raises ``StudyError`` if the sites do not match the merged study."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
     gone = {each.number for each in merged.tombstones()} if merged else set[int]()
@@ -199,7 +200,7 @@ def _number(
 
 
 def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -> None:
-    """Collect the faults of recordings that cannot be copied."""
+    """Collect the recordings that cannot be copied, with the reason."""
     everything = [
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
@@ -214,7 +215,7 @@ def _tell(sites: Sequence[_SiteMerge], tell: Callable[[str], None], *, skip_dama
     faults = [f"{site.source.name}: {fault}" for site in sites for fault in site.faults.values()]
     if faults and not skip_damaged:
         raise StudyError(
-            f"nothing was merged: {'; '.join(faults)}; --skip-damaged leaves out what is damaged or missing"
+            f"nothing was merged: {'; '.join(faults)}; --skip-damaged omits damaged and missing recordings"
         )
     for words in [*(each for site in sites for each in site.differing), *faults]:
         tell(words)
@@ -245,7 +246,7 @@ def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
 
 
 def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
-    """Store the site's number, unless it is stored; ``StudyError`` if another merge has used it."""
+    """Store the number of a new site. Raises ``StudyError`` if another merge has used it."""
     for known in find_all(connection, Site, number=site.number):
         if known.name != site.source.name:
             raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
@@ -278,7 +279,7 @@ def _merge_participant(
 
 
 def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
-    """Delete participants that were deleted at the site since an earlier merge; yields their numbers."""
+    """Delete participants that were deleted at the site since an earlier merge. Yields their numbers."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])
@@ -289,7 +290,7 @@ def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
 
 
 def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
-    """Store deletions, accepted differences, and the head of the site's hash chain."""
+    """Store the site's deletions, the accepted differences, and the head of its hash chain."""
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])
         if not find_all(connection, Tombstone, number=number):

@@ -1,4 +1,4 @@
-"""The studies of sites before a merge: their rows at one moment, and checks that they are distinct."""
+"""Read the sites' studies before a merge, and check that they are distinct."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ MERGED_TABLES = tuple(
     for table in schema.METADATA.sorted_tables
     if table not in (schema.STUDY, schema.SITE, schema.EXPERIMENTER, schema.LEDGER)
 )
-"""Tables in order of their foreign keys."""
+"""Tables to merge, in the order of their foreign keys."""
 
 
 @dataclass(frozen=True)
 class SiteStudy:
-    """A site's study: its rows by table at one moment, and the head of its hash chain."""
+    """A site's study: its rows by table, read at one moment, and the head of its hash chain."""
 
     name: str
     store: Store
@@ -34,28 +34,28 @@ class SiteStudy:
 
     @property
     def people(self) -> dict[int, str]:
-        """Enrolment times by number of the participant, which identify participants."""
+        """Enrolment time by participant number. Together they identify a participant."""
         return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
 
     @property
     def sites(self) -> set[str]:
-        """The names of its participants' sites."""
+        """Names of the sites of all participants."""
         return {self.name, *(row["site"] for row in self.rows["participant"] if row["site"])}
 
 
 def read_site_study(store: Store) -> SiteStudy:
-    """A study as a site of a merged one.
+    """Read a study that is to be merged.
 
     Raises:
-        StudyError: when it was merged itself, has no valid name of a site, or was changed by another program.
+        StudyError: if the study is a merged study, has no valid site name, or was changed by another program.
     """
     name = store.design.site or store.folder.name
     if store.sites():
         raise StudyError(f"{store.folder} was merged from sites; merge these sites instead")
     if not NAME.fullmatch(name):
         raise StudyError(
-            f"{store.folder}: {name!r} is not a valid site; set `site` in study.toml to at most 40 letters, digits, - "
-            "and _"
+            f"{store.folder}: {name!r} is not a valid site name; set `site` in study.toml to at most "
+            "40 letters, digits, - and _"
         )
     for where, what in store.database.faults():
         raise StudyError(
@@ -67,13 +67,13 @@ def read_site_study(store: Store) -> SiteStudy:
     most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
     if most >= PEOPLE_PER_SITE:
         raise StudyError(
-            f"{store.folder} has {pseudonym_of(most)}: a site can have numbers up to {PEOPLE_PER_SITE - 1}"
+            f"{store.folder} has {pseudonym_of(most)}: numbers of a site must not exceed {PEOPLE_PER_SITE - 1}"
         )
     return source
 
 
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
-    """A table's rows by column; the merged study has new salts."""
+    """All rows of a table, without salts, because the merged study has its own."""
     names = [column.key for column in table.columns]
     found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
@@ -81,7 +81,7 @@ def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
 
 
 def check_distinct(sources: Sequence[SiteStudy]) -> None:
-    """Raise ``StudyError`` for equal studies and equal names of sites."""
+    """Raise ``StudyError`` if two studies are the same, or have the same site name."""
     for a, b in combinations(sources, 2):
         both = f"{a.store.folder} and {b.store.folder}"
         twice = sorted(set(a.people.items()) & set(b.people.items()))
@@ -94,12 +94,12 @@ def check_distinct(sources: Sequence[SiteStudy]) -> None:
 
 
 def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
-    """Raise ``StudyError`` unless a site is new, or continues the study that was merged before.
+    """Raise ``StudyError`` if the site is neither new nor a continuation of the merged site.
 
     Args:
-        source: the site.
-        known: the sites of the merged study.
-        people: its participants.
+        source: the site's study.
+        known: the sites in the merged study.
+        people: the participants in the merged study.
     """
     before = next((site for site in known if site.name == source.name), None)
     others = [each for each in people if before is None or site_of(each.number) != before.number]
@@ -123,6 +123,6 @@ def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read() as connection:
         if hash_chain.missing_heads(connection, [hash_chain.Head(before.entries, before.digest)]):
             raise StudyError(
-                f"{source.store.folder}: the site {source.name!r} is not the study that was merged before, or "
+                f"{source.store.folder}: the site {source.name!r} is another study than the merged one, or "
                 "an older copy of it: restore its latest copy, or merge into a new folder"
             )

@@ -1,4 +1,4 @@
-"""Transfer of rows and recordings from a site into the merged study."""
+"""Copy rows and recordings of a site into the merged study."""
 
 import re
 from collections import defaultdict
@@ -23,7 +23,7 @@ _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
 
 def merged_name(text: str, site: int) -> str:
-    """A recording's path in the merged study; also in text that begins with it."""
+    """Convert the path of a recording to its path in the merged study; text after the path is not changed."""
     match = _IN_RECORDINGS.match(text)
     if match is None:
         return text
@@ -33,7 +33,7 @@ def merged_name(text: str, site: int) -> str:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of a site and its target; a recording without a checksum may be missing."""
+    """A site's recording, and its path in the merged study. A recording without a checksum may be missing."""
 
     attempt: int
     participant: int
@@ -43,11 +43,11 @@ class Recording:
     sha256: str | None
 
     def is_there(self) -> bool:
-        """Whether the merged study contains it with the right checksum."""
+        """Whether the merged study contains the recording with the correct checksum."""
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
     def fault(self) -> str | None:
-        """The reason why it cannot be copied, beginning with its name."""
+        """The reason why the recording cannot be copied, beginning with its name; ``None`` without a problem."""
         if self.source is None:
             return f"{self.name} is outside the study's recordings"
         if self.sha256 is None:
@@ -57,10 +57,10 @@ class Recording:
         return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
 
     def copy(self) -> bool:
-        """Copy it atomically; returns whether anything changed.
+        """Copy the recording atomically. Returns whether a file has changed.
 
         Raises:
-            StudyError: when its checksum is wrong.
+            StudyError: if the checksum is wrong.
         """
         if self.source is None or not self.source.is_file():
             return False
@@ -78,7 +78,7 @@ class Recording:
 
 
 def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
-    """All recordings of a site, with targets in the merged study in ``folder``."""
+    """All recordings of a site, with their paths in the merged study in ``folder``."""
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
         name = row["recording"]
@@ -94,7 +94,7 @@ def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Record
 
 
 def _expected_checksum(row: Row) -> str | None:
-    """The checksum of an attempt's recording; a completed attempt without one matches no file."""
+    """The stored checksum of an attempt's recording. A completed attempt without checksum matches no file."""
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
 
@@ -112,15 +112,15 @@ def _checksum(path: Path) -> str:
 
 
 Rows = Mapping[str, Mapping[int, Row]]
-"""Rows by table and key."""
+"""Rows by table and primary key."""
 _BY_NUMBER = (schema.PARTICIPANT, schema.TOMBSTONE)
 _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
 def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
-    """The rows of a site as in the merged study, by the participant's number at the site.
+    """The rows of a site with their merged keys, by the participant's number at the site.
 
-    Tombstones are not included. The log has no participant: it is never deleted.
+    Tombstones are excluded. Log entries belong to ``None``, because they are never deleted.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
     sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
@@ -133,7 +133,7 @@ def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Row
 
 
 def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
-    """The number of the participant of a row, if it has one."""
+    """The participant's number of a row; ``None`` without a participant."""
     if "enrolled_at" in row:
         return row["number"]
     if row.get("participant") is not None:
@@ -143,7 +143,7 @@ def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
 
 
 def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
-    """A row with its keys in the merged study."""
+    """The row with its keys in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
@@ -159,7 +159,7 @@ def _columns(table: sa.Table) -> Iterable[sa.Column[Any]]:
 
 
 def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
-    """A value; keys of rows are replaced by keys of the merged study."""
+    """The value of a column; a key is replaced by the key in the merged study."""
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value
@@ -167,7 +167,7 @@ def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
 
 
 def store_rows(connection: sa.Connection, rows: Rows) -> int:
-    """Write new and changed rows into the merged study; returns their number."""
+    """Write new and changed rows into the merged study. Returns their number."""
     written = 0
     for table in MERGED_TABLES:
         wanted = rows.get(table.name, {})

@@ -1,4 +1,4 @@
-"""Adverse events of participants, graded by published scales. Follow-ups append and replace nothing.
+"""Adverse events of participants, graded by published scales. A follow-up never replaces earlier reports.
 
 Severity is the grade of CTCAE (Common Terminology Criteria for Adverse Events, NCI, version 5.0, 2017). Seriousness has
 the criteria of ICH E2A (1994, section II.B); it is not severity. Relatedness is the attribution that NCI's CTEP uses
@@ -36,19 +36,19 @@ SCALES = {
     "relatedness": RELATEDNESS,
     "outcome": OUTCOMES,
 }
-"""Allowed values of each grade."""
+"""Allowed values of each rating scale."""
 SOURCES = (
     "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
-    "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is how strong an event is, seriousness what followed "
-    "from it."
+    "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is the intensity of an event; seriousness depends on "
+    "its consequences."
 )
 SAFETY_EVENTS = ("stopped", "stop rule met", "controller failed")
-"""Events of a session that are shown with adverse events, but are not adverse events."""
+"""Events of a session that are listed next to adverse events, but are not adverse events."""
 _CLOCKS_DIFFER = timedelta(minutes=5)
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A report of an adverse event; ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
+    """A report of an adverse event. ``began_at``: ISO 8601 with UTC offset. ``trial``: position of the trial."""
 
     began_at: str
     description: str
@@ -62,13 +62,13 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class AdverseEventHistory:
-    """An adverse event with all its reports in order."""
+    """An adverse event: all its reports in order."""
 
     reports: tuple[AdverseEvent, ...]
 
     @property
     def number(self) -> int:
-        """The number of the event in commands: the id of its first report."""
+        """Number of the adverse event in commands: the id of its first report."""
         return self.reports[0].id
 
     @property
@@ -79,7 +79,7 @@ class AdverseEventHistory:
 
 @dataclass(frozen=True)
 class SafetyEvent:
-    """A safety event of a session, in a trial of this position or between trials."""
+    """A safety event during a session. ``trial``: position of the trial; ``None`` between trials."""
 
     at: str
     trial: int | None
@@ -90,18 +90,18 @@ class SafetyEvent:
 def record_adverse_event(
     store: Store, pseudonym: str, report: Report, *, follows: int | None = None, recorded_by: str = ""
 ) -> int:
-    """Store a report of an adverse event, and return its id.
+    """Store a report of an adverse event, and return the report's id.
 
     Args:
         store: the study.
         pseudonym: the participant.
         report: the report.
-        follows: the number of the event that is followed up; ``None`` for a new event.
-        recorded_by: the experimenter.
+        follows: number of the adverse event of this follow-up; ``None`` for a new event.
+        recorded_by: name of the experimenter.
 
     Raises:
-        StudyError: for an unknown grade, an invalid or future time, a trial or event of another participant, and for
-            simulated participants.
+        StudyError: for an unknown grade, an invalid or future time, a trial or event of another participant, or a
+            simulated participant.
     """
     _check(report)
     check_line("the name", recorded_by)
@@ -134,7 +134,7 @@ def record_adverse_event(
 
 
 def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]:
-    """Group reports by event, in order of the first reports."""
+    """Group reports by adverse event, in the order of the first reports."""
     events: dict[int, list[AdverseEvent]] = {}
     for report in reports:
         events.setdefault(report.follows or report.id, []).append(report)
@@ -142,7 +142,7 @@ def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
-    """Safety events in the sessions of a participant, for review when adverse events are recorded."""
+    """Safety events in a participant's sessions, for review by the person who records adverse events."""
     number = store.participant(pseudonym).number
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
@@ -158,7 +158,7 @@ def _check(report: Report) -> None:
     check_note(report.description, "the description")
     check_line("the action", report.action)
     if datetime.fromisoformat(_utc(report.began_at)) > datetime.now(UTC) + _CLOCKS_DIFFER:
-        raise StudyError(f"{report.began_at} is in the future; allowed: times until now")
+        raise StudyError(f"{report.began_at} is in the future; allowed: times in the past")
 
 
 def _utc(at: str) -> str:

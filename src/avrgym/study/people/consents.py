@@ -1,4 +1,4 @@
-"""Decisions about consent texts. Each is stored with the checksum of its text; the archive contains the text."""
+"""Decisions about consent texts. A decision contains the checksum of its text, and the archive contains the text."""
 
 import hashlib
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_
 
 @dataclass(frozen=True)
 class ShownText:
-    """The consent text of the design in one language."""
+    """The design's consent text in one language."""
 
     version: str
     language: str
@@ -26,16 +26,16 @@ class ShownText:
 
     @property
     def sha256(self) -> str:
-        """The checksum of the text."""
+        """SHA-256 checksum of the text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
 def consents_to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
-    """Consents to the same version and language, but to a different text; line breaks are ignored.
+    """Consents to another text with the same version and language. Differences in white space are ignored.
 
-    ``first_language`` is the language of consents without one.
+    ``first_language``: the language of consents without a stored language.
     """
     same = {
         kept.sha256 for kept in archive if normalize_whitespace(kept.text) == normalize_whitespace(shown.text)
@@ -56,16 +56,16 @@ def store_consent(
     *,
     agreed: bool,
 ) -> Consent:
-    """Store a participant's decision about a text, and archive the text if it is new.
+    """Store a participant's decision about a consent text, and archive a new text.
 
     Raises:
-        StudyError: when another participant agreed to a different text with the same version.
+        StudyError: if another participant agreed to another text with the same version.
     """
     archive = find_all(connection, ConsentText)
     others = consents_to_other_texts(shown, find_all(connection, Consent), archive, first_language)
     if others:
         raise StudyError(
-            f"{consenting_participants(others)} read another consent text under version {shown.version} "
+            f"{consenting_participants(others)} read another consent text with version {shown.version} "
             f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = now(), _archived(connection, shown, archive)
@@ -75,7 +75,7 @@ def store_consent(
 
 
 def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
-    """The latest consent, as recordings store it."""
+    """The latest consent in the format of recordings; ``None`` without consent."""
     agreed = [each for each in consents if each.agreed]
     if not agreed:
         return None
@@ -86,9 +86,9 @@ def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
 def restore_consents(
     store: Store, connection: sa.Connection, number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
-    """Store the consents of a participant from recordings, in order, and the latest in their row.
+    """Restore a participant's consents from recordings: all in order, and the latest in the participant's row.
 
-    The design's text is archived if they agreed to it.
+    The design's text is archived if the participant agreed to it.
     """
     consents = {each.at: each for each in recorded}
     for _, each in sorted(consents.items()):
@@ -102,7 +102,7 @@ def restore_consents(
 
 
 def current_text(store: Store, language: str) -> ShownText | None:
-    """The design's text in a language; ``None`` for a language without texts."""
+    """The design's consent text in a language; ``None`` if the language has no texts."""
     consent = store.design.consent
     try:
         text = read_texts(language, store.folder).translate(consent.text)
@@ -112,12 +112,12 @@ def current_text(store: Store, language: str) -> ShownText | None:
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
-    """The pseudonyms of these consents, each once, as text."""
+    """Pseudonyms of the participants of these consents as text, without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 
 def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
-    """The checksum of the archived text; a new text is archived."""
+    """The checksum of the archived text. A new text is added to the archive."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):

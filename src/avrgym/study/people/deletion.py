@@ -1,4 +1,4 @@
-"""Deletion of a participant's data. Data of other participants are unchanged."""
+"""Delete the data of one participant. Data of other participants are not changed."""
 
 import shutil
 
@@ -18,10 +18,11 @@ from avrgym.study.storage.study_folder import used_numbers
 def delete_participant(store: Store, pseudonym: str) -> None:
     """Delete a participant's recordings, rows and name, all backups of the database, and the study's analysis.
 
-    The number stays in a tombstone and is never used again. After a crash, a second deletion finishes the work.
+    A tombstone keeps the participant's number, which is never used again. After a crash, a second call completes the
+    deletion.
 
     Raises:
-        StudyError: for an unknown participant, or while they have an open session.
+        StudyError: for an unknown participant, or during an open session.
     """
     number = participant_number(pseudonym)
     with store.database.write() as connection:
@@ -40,12 +41,12 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 
 def _has_rows(store: Store, connection: sa.Connection, number: int) -> bool:
-    """Whether there are rows to delete; not if only the identity file or recordings contain the participant."""
+    """Whether the database contains rows to delete, not only the identity file or the recordings."""
     return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 
 
 def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
-    """Delete all rows about a participant; returns whether they were simulated."""
+    """Delete all rows about a participant. Returns whether the participant was simulated."""
     participant = find_participant(connection, pseudonym)
     sessions = find_all(connection, StudySession, participant=participant.number)
     for session in sessions:
@@ -72,7 +73,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
 
 
 def _remove(store: Store, name: str) -> None:
-    """Remove a folder of the study; of a symbolic link, only the link."""
+    """Remove a folder of the study. If it is a symbolic link, only the link is removed."""
     path = store.folder / name
     if path.is_symlink():
         path.unlink()

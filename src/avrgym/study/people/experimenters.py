@@ -16,11 +16,11 @@ from avrgym.study.storage.store import Store, find_all
 
 TOKEN_BYTES = 16
 REFRESH_S = 1.0
-"""Interval in seconds at which a server reads the tokens; a revoked token is invalid after this time."""
+"""Interval in seconds at which a server reads the tokens. A revoked token is invalid after this time."""
 
 
 def add_experimenter(store: Store, name: str) -> str:
-    """Create a personal token and return it; it is not stored.
+    """Create a personal token for an experimenter and return it. The study stores only its checksum.
 
     Raises:
         StudyError: for an invalid name, or if the experimenter has a token.
@@ -41,7 +41,7 @@ def add_experimenter(store: Store, name: str) -> str:
 
 
 def revoke_experimenter(store: Store, name: str) -> None:
-    """Revoke the token of an experimenter; ``StudyError`` if there is none."""
+    """Revoke the token of an experimenter. Raises ``StudyError`` if there is none."""
     with store.database.write() as connection:
         valid = find_all(connection, Experimenter, revoked_at=None)
         own = [each for each in valid if each.name == name]
@@ -52,13 +52,13 @@ def revoke_experimenter(store: Store, name: str) -> None:
 
 
 def list_experimenters(store: Store) -> list[Experimenter]:
-    """All experimenters, also with revoked tokens, in order of creation."""
+    """All experimenters in the order of creation, including those with a revoked token."""
     with store.database.read() as connection:
         return find_all(connection, Experimenter)
 
 
 class Experimenters:
-    """Experimenters with a valid token, as a context manager; a thread reads them every second."""
+    """Context manager: the experimenters with a valid token. A thread reads the tokens every second."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -67,11 +67,11 @@ class Experimenters:
         self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
 
     def name_of(self, token: str) -> str | None:
-        """The experimenter with this token."""
+        """Name of the experimenter with this token; ``None`` for an invalid token."""
         return self._names.get(_sha256(token))
 
     def refresh(self) -> None:
-        """Read the valid tokens."""
+        """Read the valid tokens from the database."""
         valid = [each for each in list_experimenters(self._store) if each.revoked_at is None]
         self._names = {each.token_sha256: each.name for each in valid}
 

@@ -1,4 +1,4 @@
-"""Answers about disability, diagnosis and assistive devices."""
+"""Store a participant's answers about disability, diagnosis and assistive devices."""
 
 import msgspec
 
@@ -18,10 +18,10 @@ class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> None:
-    """Store a participant's answers; they replace earlier ones.
+    """Store a participant's answers. They replace earlier answers.
 
     Raises:
-        StudyError: if the design has no such questions, before consent, for a simulated participant, and for an invalid
+        StudyError: if the design has no such questions, before consent, for a simulated participant, or for an invalid
             answer.
     """
     if not store.design.ask_functioning:

@@ -1,4 +1,4 @@
-"""Names of participants: encryption of the identity file, and detection of duplicate enrolments."""
+"""Encrypt the identity file, and detect duplicate enrolments by name or contact."""
 
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -12,21 +12,24 @@ from avrgym.study.storage.store import Store
 
 
 class PossibleDuplicate(StudyError):
-    """A person who may be enrolled already; the message contains pseudonyms and no names."""
+    """The person may be enrolled already. The message contains pseudonyms and no names."""
 
 
 def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
-    """Check an identity for duplicates; returns the detail of the event, empty without duplicates.
+    """Check whether an identity belongs to another participant.
 
     Args:
         folder: the study's folder.
-        identity: the name and contact to be stored.
+        identity: the name and contact that are to be stored.
         confirmed: the experimenter confirms that this is another person.
-        pseudonym: the participant, if they are enrolled; their entry is not compared.
+        pseudonym: the participant's pseudonym, if enrolled; their own entry is not compared.
+
+    Returns:
+        Detail of the study event; empty without duplicates.
 
     Raises:
-        PossibleDuplicate: when the identity file has an entry of the same person, and nobody confirmed the difference.
-        KeyUnavailable: when the names cannot be read without their key.
+        PossibleDuplicate: if another participant has the same name or contact, unless ``confirmed``.
+        KeyUnavailable: if the identity file cannot be decrypted without its key.
     """
     if not identity.name and not identity.contact:
         return ""
@@ -44,14 +47,14 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
 
 
 def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of these participants that may be the same person."""
+    """Pairs of participants that may be the same person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
             yield first, second
 
 
 def may_be_same_person(first: Identity, second: Identity) -> bool:
-    """Whether two entries have an equal name or contact and no different one; empty values are ignored."""
+    """Whether name or contact are the same, and neither differs. Empty values are ignored."""
     pairs = (
         (_plain_name(first.name), _plain_name(second.name)),
         (_plain_contact(first.contact), _plain_contact(second.contact)),
@@ -65,22 +68,22 @@ def _plain_name(name: str) -> str:
 
 
 def _plain_contact(contact: str) -> str:
-    """A contact without spaces, as addresses and telephone numbers are compared."""
+    """The contact without spaces, for comparison."""
     return "".join(_folded(contact).split())
 
 
 def _folded(text: str) -> str:
-    """The NFKC form of Unicode, case-folded, without format characters."""
+    """The text for comparison: Unicode NFKC, case-folded, without format characters."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
     return "".join(character for character in folded if unicodedata.category(character) != "Cf")
 
 
 def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None) -> bool:
-    """Encrypt all names with a new key file or passphrase; returns whether an unencrypted file was removed.
+    """Encrypt all names with a new key file or passphrase. Returns whether an unencrypted file was removed.
 
     Raises:
-        KeyUnavailable: when the present key of encrypted names is missing.
-        StudyError: for a short passphrase, or when reading back fails. Nothing is changed then.
+        KeyUnavailable: if the current key of encrypted names is missing.
+        StudyError: if the passphrase is too short, or if verification fails. Nothing is changed then.
     """
     identity_file.read_identities(store.folder)
     passphrase = new_passphrase() if new_passphrase is not None else None

@@ -1,4 +1,4 @@
-"""Participants: enrolment, consent, inclusion, allocation, withdrawal."""
+"""Participants: enrolment, consent, inclusion, allocation, withdrawal and notes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -31,7 +31,7 @@ from avrgym.study.storage.study_folder import used_numbers
 from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
 CONSENTED_AGAIN = "participant consented again"
-"""Event: a consent to a new version of the text."""
+"""Name of the event of a consent to a new version of the text."""
 
 
 def enrol(
@@ -46,17 +46,17 @@ def enrol(
     site: str = "",
     confirm_duplicate: bool = False,
 ) -> str:
-    """Enrol a person and return their pseudonym; only the identity file contains name and contact.
+    """Enrol a person and return their pseudonym. Only the identity file contains name and contact.
 
-    Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
-    of the design's, its first unless given. ``confirm_duplicate``: they are another person than any with the same name
-    and contact.
+    Orders are balanced within each ``site``; default: the design's site. ``language``: language of the texts, one of
+    the design's; default: its first. ``confirm_duplicate``: enrol the person although another participant has the same
+    name or contact.
 
     Raises:
-        PossibleDuplicate: when they may be enrolled already, and ``confirm_duplicate`` is false.
-        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
-            name, contact or site that cannot be one.
-        KeyUnavailable: for a name or contact where the identity file's key is not at hand.
+        PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
+        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or
+            an invalid name, contact or site.
+        KeyUnavailable: if a name or contact is given, and the key of the identity file is missing.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -99,12 +99,12 @@ def enrol(
 def set_identity(
     store: Store, pseudonym: str, name: str, contact: str, *, confirm_duplicate: bool = False
 ) -> None:
-    """Store name and contact of a participant, in the identity file only.
+    """Store name and contact of a participant in the identity file.
 
     Raises:
-        PossibleDuplicate: when another participant may be the same person, and ``confirm_duplicate`` is false.
-        StudyError: for what cannot be a name or contact.
-        KeyUnavailable: when the identity file's key is not at hand.
+        PossibleDuplicate: if another participant may be the same person, unless ``confirm_duplicate``.
+        StudyError: for an invalid name or contact.
+        KeyUnavailable: if the key of the identity file is missing.
     """
     _check_identity(name, contact)
     identity = identity_file.Identity(name, contact)
@@ -119,7 +119,7 @@ def set_identity(
 
 
 def participant_texts(store: Store, participant: Participant) -> Texts:
-    """The texts in a participant's language; ``StudyError`` if there are none."""
+    """The texts in the participant's language. Raises ``StudyError`` if there are none."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
     except TextsError as error:
@@ -127,18 +127,18 @@ def participant_texts(store: Store, participant: Participant) -> Texts:
 
 
 def consent_text(store: Store, participant: Participant) -> ShownText:
-    """The consent text of the study's design in a participant's language."""
+    """The design's consent text in the participant's language."""
     texts, consent = participant_texts(store, participant), store.design.consent
     return ShownText(consent.version, texts.language, texts.translate(consent.text))
 
 
 def record_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant agreed to the consent text of the design, in their language.
+    """Store that a participant agreed to the design's consent text in their language.
 
-    Re-consent to a new version does not change the state, the order and earlier consents.
+    Re-consent to a new version changes neither state, order nor earlier consents.
 
     Raises:
-        StudyError: when the state does not allow it, or another participant agreed to a different text with the same
+        StudyError: if the state does not allow it, or if another participant agreed to another text with the same
             version.
     """
     with store.write() as connection:
@@ -161,9 +161,10 @@ def record_consent(store: Store, pseudonym: str) -> None:
 
 
 def decline_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant does not re-consent to the new version and withdraws.
+    """Store that a participant does not re-consent to a new version, and withdraw them.
 
-    ``StudyError`` if no re-consent is necessary.
+    Raises:
+        StudyError: if no re-consent is necessary.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
@@ -181,7 +182,7 @@ def _store_consent(
 
 
 def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
-    """Store the answers to the inclusion questions; allocate the participant or exclude them.
+    """Store the answers to the inclusion questions; then allocate or exclude the participant.
 
     Returns:
         Whether the participant can take part.
@@ -210,9 +211,10 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
 
 
 def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
-    """Withdraw a participant; a running trial is stopped and open sessions end.
+    """Withdraw a participant. A running trial stops, and open sessions end.
 
-    ``StudyError`` for a reason that is too long, or when the state does not allow it.
+    Raises:
+        StudyError: if the reason is too long, or if the state does not allow a withdrawal.
     """
     check_line("the reason", reason)
     with store.write() as connection:
@@ -225,12 +227,12 @@ def _withdraw(store: Store, connection: sa.Connection, participant: Participant,
 
 
 def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
-    """Store that a participant with unknown state consented and did not withdraw; returns the new state.
+    """Store that a participant with unknown state consented and did not withdraw. Returns the new state.
 
-    ``evidence`` is for example a signed form and its place.
+    ``evidence``: for example, a signed form and its place.
 
     Raises:
-        StudyError: for empty or too long evidence, and for participants with a known state.
+        StudyError: for empty or too long evidence, or for a participant with a known state.
     """
     check_line("the evidence", evidence)
     if not evidence.strip():
@@ -255,9 +257,10 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
-    """Store a note on a participant, or on one of their sessions by its id.
+    """Store a note about a participant, or about one of their sessions (by its id).
 
-    ``StudyError`` for an empty or too long note, and for a session of another participant.
+    Raises:
+        StudyError: for an empty or too long note, or for a session of another participant.
     """
     check_note(text)
     with store.write() as connection:
@@ -270,10 +273,10 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
 
 
 def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
-    """Replace the text of a note; an event contains the time.
+    """Replace the text of a note. The earlier text is not stored, because it may contain a name.
 
-    The earlier text is not stored, because it may contain a name. ``StudyError`` as in ``add_note``, and for a note on
-    another participant.
+    Raises:
+        StudyError: for an empty or too long note, or for a note about another participant.
     """
     check_note(text)
     with store.write() as connection:
@@ -290,7 +293,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """The next number that was never used, also not in identity file, participation list or recordings."""
+    """The next participant number. Numbers in identity file, participation list and recordings are not used again."""
     taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
@@ -298,7 +301,7 @@ def _next_number(store: Store, connection: sa.Connection) -> int:
 
 
 def _free_cell(connection: sa.Connection, design: Design, participant: Participant) -> int:
-    """The cell of a participant; people and simulated participants are balanced separately."""
+    """The cell for a participant. People and simulated participants are balanced separately."""
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_all(connection, Participant, simulated=participant.simulated):
         if other.state in PARTICIPATING and other.cell is not None:

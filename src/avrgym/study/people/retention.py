@@ -1,4 +1,4 @@
-"""Scheduled deletion: data of people that are due by the design's retention periods."""
+"""Scheduled deletion of people's data whose retention period has ended."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,30 +14,30 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 
 EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
-"""Events of deletions by kind of data; ``DATA`` leaves a tombstone instead."""
+"""Event of a deletion by kind of data; a deletion of ``DATA`` creates a tombstone instead."""
 DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
 
 @dataclass(frozen=True)
 class ScheduledDeletion:
-    """A kind of data, the first day on which it is due, and the participants with such data."""
+    """A kind of data, the first day after its retention period, and the participants with such data."""
 
     kind: str
     due_on: date
     participants: tuple[str, ...]
 
     def is_due(self, day: date) -> bool:
-        """Whether the data are due on a day."""
+        """Whether the retention period has ended on ``day``."""
         return bool(self.participants) and self.due_on <= day
 
 
 def today() -> date:
-    """The present date in UTC."""
+    """The current date in UTC."""
     return datetime.now(UTC).date()
 
 
 def schedule(store: Store) -> list[ScheduledDeletion]:
-    """Each kind of data of people with its due date."""
+    """All scheduled deletions of people's data."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
     known = identity_file.named_pseudonyms(store.folder)
     present = {
@@ -52,12 +52,12 @@ def schedule(store: Store) -> list[ScheduledDeletion]:
 
 
 def due(store: Store, day: date) -> list[ScheduledDeletion]:
-    """Kinds of data that are due on a day."""
+    """The scheduled deletions that are due on ``day``."""
     return [each for each in schedule(store) if each.is_due(day)]
 
 
 def describe_due(store: Store, day: date) -> Iterator[str]:
-    """Sentences about due data, and about a missing end of the study."""
+    """Sentences about data that are due, and about a missing end of the study."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
@@ -70,13 +70,13 @@ def describe_due(store: Store, day: date) -> Iterator[str]:
 
 
 def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
-    """Delete data that are due on a day; yields kind of data and participant after each deletion.
+    """Delete all data that are due on ``day``. Yields kind of data and participant after each deletion.
 
-    ``DATA`` is deleted with ``delete_participant``. After a crash, a second call finishes the work.
+    ``DATA`` is deleted by ``delete_participant``. After a crash, a second call completes the deletions.
 
     Raises:
-        StudyError: when a session took place after the study's end (nothing is deleted), or at the end for participants
-            that could not be deleted.
+        StudyError: if a session took place after the study's end (nothing is deleted then); or, after all other
+            deletions, if participants could not be deleted.
     """
     _check_ended(store)
     errors: list[str] = []
@@ -93,7 +93,7 @@ def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
 
 
 def recordings_deleted(store: Store) -> Mapping[int, str]:
-    """Times of scheduled deletions of recordings, by number of the participant."""
+    """Time of the scheduled deletion of recordings, by participant number."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, name=EVENTS[RECORDINGS])
     return {event.participant: event.at for event in events if event.participant is not None}

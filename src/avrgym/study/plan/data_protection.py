@@ -1,7 +1,7 @@
-"""Templates for data protection: an impact assessment and a record of processing, filled in from the design.
+"""Drafts of data protection documents (impact assessment and record of processing), filled in from the design.
 
-Articles refer to Regulation (EU) 2016/679 (GDPR). Facts that the design does not contain are marked as gaps. The files
-are drafts, which the controller completes.
+Articles refer to Regulation (EU) 2016/679 (GDPR). Facts that are not in the design are marked as gaps. The
+controller completes the drafts.
 """
 
 from collections.abc import Iterable, Mapping
@@ -27,15 +27,15 @@ MEASURES = (
     "Deletion of one participant on request, with the database's backups, and deletion by schedule.",
     "Exports contain no names, and free text only on request.",
 )
-"""Security measures of this program."""
+"""Security measures of AVR Gym."""
 
 
 def write_data_protection(store: Store) -> list[Path]:
-    """Write both drafts into the study's folder; edited drafts are never overwritten.
+    """Write both drafts into the study's folder. Edited drafts are never overwritten.
 
     Raises:
-        StudyError: when a draft exists with another text.
-        OSError: when one cannot be written.
+        StudyError: if a draft exists with another text.
+        OSError: if a draft cannot be written.
     """
     design, folder = store.design, store.folder / FOLDER
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -52,7 +52,7 @@ def write_data_protection(store: Store) -> list[Path]:
 
 
 def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """The contents that Article 35(7) requires, and the sections before them."""
+    """The contents required by Article 35(7), and the sections before them."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
             "Why": "Movements of head and hands may identify a person even without a name. "
@@ -108,7 +108,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """The contents that Article 30(1) requires."""
+    """The contents required by Article 30(1)."""
     return {
         "Record (Article 30(1))": {
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
@@ -129,7 +129,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _data(design: Design) -> Iterable[str]:
-    """The kinds of data in a study of this design."""
+    """The kinds of data that this study collects."""
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)

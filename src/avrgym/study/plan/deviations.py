@@ -1,4 +1,4 @@
-"""Deviations of a study from its frozen plan: design, texts, software, policies, participants and tests."""
+"""Find deviations of a study from its frozen plan: design, texts, software, policies, participants and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -44,13 +44,13 @@ from avrgym.system.used_plugins import differences as plugin_differences
 from avrgym.texts.interface_texts import TextsError
 
 Change = tuple[Place, Any, Any]
-"""A place with the values before and after; one may be ``MISSING``."""
+"""Place of a value, its frozen value and its current value; a missing value is ``MISSING``."""
 
 
 def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Each difference of the design and the participants' texts from the frozen plan.
+    """Differences of the design and of participants' texts from the frozen plan.
 
-    Differences in sessions are listed even if the present files match the plan.
+    Differences in sessions are included even if the current files match the plan.
     """
     frozen = frozen_design(record)
     differing = _session_values(store, *frozen) if frozen else {}
@@ -71,7 +71,7 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _session_values(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """The frozen value and the participants, by file, place and their different value."""
+    """Frozen value and participants of each difference, by file, place and different value."""
     sessions = session_designs(store)
     found = {
         (each.file, each.place, value_text(each.used)): (
@@ -88,7 +88,7 @@ def _session_values(
 
 
 def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
-    """Each difference of another file from the frozen one."""
+    """Differences of a file from its frozen contents."""
     fault, changes = _compare(store, record, name, before, None)
     if fault:
         yield deviation(name, fault)
@@ -96,7 +96,7 @@ def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> It
 
 
 def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
-    """The design and the texts of a frozen plan; ``None`` if this version cannot read them."""
+    """Design and texts of a frozen plan; ``None`` if this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for name, text in (record.texts or {}).items():
@@ -114,7 +114,7 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
 def _compare(
     store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
-    """The fault of a file as a whole, and its differences from the frozen text."""
+    """A change of the file as a whole, and its single differences from the frozen text."""
     path = store.folder / name
     if not path.is_file():
         return "is missing", []
@@ -124,7 +124,7 @@ def _compare(
     try:
         after = tomlkit.parse(with_and_without_bom(data)[0].decode()).unwrap()
     except ValueError:
-        return "was changed and can no longer be read", []
+        return "was changed and cannot be read", []
     values = tomlkit.parse(before).unwrap()
     if values == after:
         return "was changed only in comments or layout", []
@@ -134,12 +134,12 @@ def _compare(
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a file that apply to all sites."""
+    """The file's fields that must be equal at all sites."""
     return {name: value for name, value in values.items() if name not in NOT_COMPARED}
 
 
 def changed(place: Place, before: Any, after: Any) -> str:
-    """A difference as text; either value may be ``MISSING``."""
+    """Description of a difference; a missing value is ``MISSING``."""
     if before is MISSING:
         return f"{place_text(place)} was added: {value_text(after)}"
     if after is MISSING:
@@ -148,7 +148,7 @@ def changed(place: Place, before: Any, after: Any) -> str:
 
 
 def deviation(where: str, message: str) -> Finding:
-    """A finding about a deviation, which is a note and not an error."""
+    """The finding about a deviation; it is not an error."""
     return Finding(where, message, is_error=False)
 
 
@@ -159,14 +159,14 @@ def deviations(
     left_out: Sequence[ExcludedTrial] = (),
     besides: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
-    """Each difference between a study and its frozen plan.
+    """All differences between a study and its frozen plan.
 
     Args:
         store: the study.
-        frozen: its frozen plan.
-        offered: the present tests of its analysis.
-        left_out: excluded trials, as far as they are known.
-        besides: optional tests, which are exploratory if the plan does not name them.
+        frozen: the frozen plan.
+        offered: the tests of the current analysis.
+        left_out: the known excluded trials.
+        besides: optional tests; they are exploratory if the plan does not name them.
     """
     found = [Finding(FROZEN, fault) for fault in frozen.faults]
     if frozen.record is None:
@@ -197,7 +197,7 @@ def _software(record: PlanRecord) -> Iterator[Finding]:
 
 
 def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Plug-ins that differ from the record."""
+    """Plug-ins that differ from the frozen record."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
         yield deviation("plug-ins", difference)
 
@@ -227,18 +227,20 @@ def _replaced(before: PolicyFile, after: PolicyFile) -> str:
 
 
 def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Excluded, withdrawn and deleted participants, and the number of completed ones.
+    """Excluded, withdrawn and deleted participants, and the number of participants who completed the study.
 
-    Simulated participants count only in a study without people.
+    Simulated participants are considered only in a study without people.
     """
     everyone, deleted = store.participants(), store.tombstones()
     simulated = all(each.simulated for each in [*everyone, *deleted])
     own = [each for each in everyone if each.simulated is simulated]
     for participant in own:
         if participant.state == "withdrawn":
-            yield deviation(participant.pseudonym, "withdrew and is in no test")
+            yield deviation(participant.pseudonym, "withdrew and is excluded from all tests")
         elif participant.state == UNKNOWN:
-            message = "is in no test: consent or withdrawal is unknown since the database was rebuilt"
+            message = (
+                "is excluded from all tests: consent or withdrawal is unknown since the database was rebuilt"
+            )
             yield deviation(participant.pseudonym, message)
         elif participant.state == "excluded":
             yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
@@ -253,7 +255,7 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
 
 
 def _tests(record: PlanRecord, offered: AvailableTests, besides: AvailableTests) -> Iterator[Finding]:
-    """Tests of the report that the plan does not name, and missing tests of the plan."""
+    """Tests of the report that are not in the plan, and tests of the plan that are not in the report."""
     plan = record.parsed()
     for test, measures in offered.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]

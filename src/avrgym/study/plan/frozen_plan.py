@@ -1,8 +1,8 @@
-"""The frozen plan of a study, made before the first participant, and the proof of its date.
+"""Freeze the plan of a study before the first participant, and prove its date.
 
 ``plan-frozen.json`` contains plan, design and texts with all checksums and versions. The database contains an event
-with its SHA-256. The plan is confirmatory if that event is older than the first participant and the database was not
-rebuilt, or if a trusted time stamp is older than all recordings. Otherwise all results are exploratory.
+with its SHA-256. The plan is confirmatory in two cases: this event is older than the first participant and the
+database was not rebuilt, or a trusted time stamp is older than all recordings. Otherwise, all results are exploratory.
 """
 
 import hashlib
@@ -39,15 +39,15 @@ from avrgym.vr.session.attempt import versions
 FROZEN = "plan-frozen.json"
 PLAN_FROZEN = "plan frozen"
 PLAN_ADOPTED = "plan adopted"
-"""Events with the SHA-256 of the record as detail; an adopted plan was frozen at another station."""
+"""Names of events. Their detail is the record's SHA-256. An adopted plan was frozen at another station."""
 FORMAT = "avrgym frozen plan 1"
 
 
 class PlanRecord(msgspec.Struct, frozen=True):
-    """A study at the time of freezing.
+    """The plan and the study at the time of freezing.
 
-    ``plan`` and ``design`` are the texts of the files, ``texts`` those of the study's text files, ``plugins`` the
-    plug-ins of its trials; records of earlier versions have neither.
+    ``plan`` and ``design``: texts of these files. ``texts``: the study's text files. ``plugins``: plug-ins of its
+    trials. Records of earlier versions have no ``texts`` and ``plugins``.
     """
 
     format: str
@@ -61,7 +61,7 @@ class PlanRecord(msgspec.Struct, frozen=True):
     plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed(self) -> Plan:
-        """The frozen plan."""
+        """Parse the frozen plan."""
         return parse_frozen_plan(self.plan, FROZEN)
 
 
@@ -73,9 +73,9 @@ def freeze_plan(store: Store, offered: AvailableTests) -> PlanRecord:
         offered: the tests of its analysis.
 
     Raises:
-        DesignError: when the plan is invalid.
-        StudyError: after the first participant, when a plan is frozen already, or a policy cannot be loaded.
-        OSError: when plan or record cannot be read or written. Nothing is stored then.
+        DesignError: if the plan is invalid.
+        StudyError: after the first participant, if a plan is already frozen, or if a policy cannot be loaded.
+        OSError: if a file cannot be read or written. Nothing is stored then.
     """
     _, text = read_plan(store.folder, store.design, offered)
     for name, fault in policy_faults(store):
@@ -91,15 +91,15 @@ def freeze_plan(store: Store, offered: AvailableTests) -> PlanRecord:
 
 
 def may_adopt(store: Store) -> bool:
-    """Whether there is a frozen plan, copied from another station, without an event in the database."""
+    """Whether the folder contains a frozen plan from another station, without an event in the database."""
     return (store.folder / FROZEN).exists() and not _noted(store)
 
 
 def adopt_plan(store: Store) -> PlanRecord:
-    """Store the checksum of a frozen plan that was copied from another station.
+    """Adopt a frozen plan that was copied from another station: store its checksum.
 
     Raises:
-        StudyError: when it is not a frozen plan, after the first participant, or after a rebuild of the database.
+        StudyError: if the file is not a frozen plan, after the first participant, or after a rebuild of the database.
     """
     data = (store.folder / FROZEN).read_bytes()
     try:
@@ -118,7 +118,7 @@ def _noted(store: Store) -> bool:
 
 
 def check_can_freeze(store: Store) -> None:
-    """Raise ``StudyError`` if a plan is frozen, or after the first participant."""
+    """Raise ``StudyError`` after the first participant, or if a plan is already frozen."""
     with store.database.read() as connection:
         _check_untouched(store, connection)
 
@@ -134,8 +134,8 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 def _check_nobody_took_part(connection: sa.Connection) -> None:
     for event in find_all(connection, StudyEvent, name=REBUILT):
         raise StudyError(
-            f"the database was rebuilt at {event.at} and earlier participants are unknown: a plan cannot be frozen; "
-            "restore a copy of the database, or create a new study"
+            f"the plan cannot be frozen: the database was rebuilt at {event.at}, and earlier participants are unknown. "
+            "Restore a backup of the database, or create a new study"
         )
     taken = [each.participant for each in find_all(connection, StudySession)]
     taken += [each.number for each in find_all(connection, Tombstone)]
@@ -162,29 +162,29 @@ def _record(store: Store, plan: str) -> PlanRecord:
 
 
 def sha256(data: bytes) -> str:
-    """The SHA-256 of data in hexadecimal digits."""
+    """SHA-256 of the data as hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of the software of simulation and analysis."""
+    """Versions of the software for simulation and analysis."""
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
 UNKNOWN = "an unknown time"
 UNKNOWN_ORIGIN = (
-    "is of unknown date and not confirmatory: its checksum is not in the database; restore a copy of the database, "
+    "is of unknown date and not confirmatory: its checksum is not in the database; restore a backup of the database, "
     "or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
 )
 
 
 @dataclass(frozen=True)
 class FrozenPlan:
-    """A frozen plan; without a ``record`` its contents are unknown.
+    """A frozen plan; ``record`` is ``None`` if its contents cannot be read or were modified.
 
-    ``known_since``: when the database stored its checksum before the first participant, if that is known.
-    ``is_adopted``: another station froze it. ``rebuilt_at``: when the database was rebuilt. ``is_proven``: a trusted
-    time stamp is older than all recordings.
+    ``known_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
+    unknown. ``is_adopted``: the plan was frozen at another station. ``rebuilt_at``: time of the database's rebuild, if
+    any. ``is_proven``: a trusted time stamp is older than all recordings.
     """
 
     record: PlanRecord | None
@@ -204,7 +204,7 @@ class FrozenPlan:
 
     @property
     def at(self) -> str:
-        """The time of freezing as text, as far as it is known."""
+        """The known time of freezing as text, or ``UNKNOWN``."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
         if self.stamp is not None and self.is_proven:
@@ -213,7 +213,7 @@ class FrozenPlan:
 
     @property
     def origin_text(self) -> str:
-        """Sentences about its date and claims."""
+        """Sentences about the plan's date, time stamp and registration."""
         return " ".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
@@ -242,12 +242,12 @@ class FrozenPlan:
 
 
 def _minute(at: str) -> str:
-    """An ISO 8601 time to the minute."""
+    """An ISO 8601 time stamp, truncated to the minute."""
     return at[:16].replace("T", " ")
 
 
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
-    """The study's frozen plan, if there is one."""
+    """The frozen plan of a study; ``None`` if there is none."""
     path = store.folder / FROZEN
     with store.database.read() as connection:
         noted = [
@@ -257,12 +257,12 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         ]
         sites = len(find_all(connection, Site))
     if not path.exists():
-        fault = "is missing; restore a copy"
+        fault = "is missing; restore a backup"
         return FrozenPlan(None, (fault,)) if noted else None
     data = path.read_bytes()
     own = [each for each in noted if each.detail == sha256(data)]
     if noted and not own:
-        fault = "was modified after freezing; restore a copy"
+        fault = "was modified after freezing; restore a backup"
         return FrozenPlan(None, (fault,))
     try:
         record = msgspec.json.decode(data, type=PlanRecord)
@@ -284,7 +284,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
 
 
 def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
-    """A frozen plan with time stamp, registration and faults."""
+    """The frozen plan with its time stamp, registration and errors."""
     faults: list[str] = []
     stamp, registration = None, None
     try:
@@ -303,7 +303,7 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
 
 
 def _is_before_all(store: Store, moment: datetime) -> bool:
-    """Whether a moment is before the beginning of every recording. False if a recording cannot be read."""
+    """Whether all recordings began after ``moment``; false if a recording cannot be read."""
     try:
         return all(
             moment < read_header(path).began_at for path in (store.folder / RECORDINGS).rglob("*.mcap")

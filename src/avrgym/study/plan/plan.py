@@ -1,4 +1,4 @@
-"""A study's plan: the contents of ``plan.toml``, checked against the design and the tests of the analysis."""
+"""The analysis plan of a study: the contents of ``plan.toml``, validated against the design and the available tests."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,13 +15,13 @@ from avrgym.system.toml_lines import Place
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
 AvailableTests = Mapping[str, Sequence[str]]
-"""The tests of a study's analysis by name, each with its measures."""
+"""Tests of the study's analysis by name, each with its measures."""
 NonEmptyText = Annotated[str, msgspec.Meta(min_length=1)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
 
 
 class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A hypothesis with its primary measures and tests."""
+    """A hypothesis with its primary measures and its tests."""
 
     id: NonEmptyText
     text: NonEmptyText
@@ -30,17 +30,20 @@ class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Exclusion rules: the maximum share of a trial without tracking, and further rules as text."""
+    """Exclusion rules. ``max_held_share``: maximum share of time with tracking loss.
+
+    ``further``: further rules as text.
+    """
 
     max_held_share: float
     further: tuple[NonEmptyText, ...] = ()
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The plan of a study before the first participant.
+    """The analysis plan of a study.
 
-    Tests of a hypothesis are confirmatory for its measures. ``exploratory`` names further tests; they are exploratory
-    for all other measures.
+    Tests of a hypothesis are confirmatory for its measures. Tests in ``exploratory`` are exploratory for all other
+    measures.
     """
 
     participants: int
@@ -52,11 +55,11 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
 
     def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
-        """The hypotheses with this test and measure."""
+        """All hypotheses that contain this test and this measure."""
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
     def label(self, test: str, measure: str) -> str:
-        """The kind of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
+        """Plan status of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
         if self.hypotheses_of(test, measure):
             return CONFIRMATORY
         return EXPLORATORY if test in self.exploratory else NOT_PLANNED
@@ -66,31 +69,31 @@ _TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
 
 
 def read_plan(folder: Path, design: Design, offered: AvailableTests) -> tuple[Plan, str]:
-    """The plan in a study's folder, and its text.
+    """Read the plan in a study's folder. Returns the plan and its text.
 
     Raises:
-        DesignError: when it is invalid or does not match the design or the tests of the analysis.
-        StudyError: when there is none.
-        OSError: when it cannot be read.
+        DesignError: if the plan is invalid, or does not match the design or the available tests.
+        StudyError: if there is no plan.
+        OSError: if the file cannot be read.
     """
     if not (folder / FILE).is_file():
-        raise StudyError(f"{folder} contains no {FILE}; `avrgym study freeze {folder}` writes one to fill in")
+        raise StudyError(f"{folder} contains no {FILE}; `avrgym study freeze {folder}` writes a template")
     text = read_text(folder / FILE)
     return parse_plan(text, str(folder / FILE), design, offered), text
 
 
 def parse_plan(text: str, name: str, design: Design, offered: AvailableTests) -> Plan:
-    """The plan in a text; ``name`` is the file's name in errors. Errors as in ``read_plan``."""
+    """Parse a plan; ``name``: the file's name in error messages. Raises ``DesignError`` as ``read_plan`` does."""
     return parse_toml(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
 
 
 def parse_frozen_plan(text: str, name: str) -> Plan:
-    """A frozen plan, without checks against the present design and tests."""
+    """Parse a frozen plan, without validation against the current design and tests."""
     return parse_toml(text, name, Plan, _TABLES, lambda plan: None)
 
 
 def _check(plan: Plan, design: Design, offered: AvailableTests) -> None:
-    """Raise ``ValidationError`` for the first value that contradicts the design or the tests."""
+    """Raise ``ValidationError`` for the first value that does not match the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
     for index, test in enumerate(plan.exploratory):
@@ -136,5 +139,5 @@ def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> 
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Quoted names, which may contain commas."""
+    """The names in quotation marks, because a name may contain commas."""
     return ", ".join(f'"{name}"' for name in names)

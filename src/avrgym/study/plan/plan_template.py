@@ -1,4 +1,4 @@
-"""A template of a plan, filled in from the design, with comments."""
+"""Write a template of ``plan.toml``, filled in from the design, with comments."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,8 +62,8 @@ def write_template(
     """Write ``plan.toml`` with suggested hypotheses into a study's folder.
 
     Raises:
-        StudyError: when the file exists; it is not changed.
-        OSError: when it cannot be written.
+        StudyError: if the file exists; it is not changed.
+        OSError: if the file cannot be written.
     """
     path = folder / FILE
     try:
@@ -74,7 +74,7 @@ def write_template(
 
 
 def template(design: Design, offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
-    """The text of a plan for a design."""
+    """Text of a plan for a design."""
     return _TEXT.format(
         title=_toml(design.title),
         design=DESIGN,
@@ -93,7 +93,7 @@ def template(design: Design, offered: AvailableTests, hypotheses: Sequence[Hypot
 
 
 def _not_confirmatory(offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> list[str]:
-    """The tests of which at least one measure belongs to no hypothesis."""
+    """Tests with at least one measure that is in no hypothesis."""
     confirmatory = {
         (test, measure) for each in hypotheses for test in each.tests for measure in each.measures
     }
@@ -114,7 +114,7 @@ def _hypothesis(hypothesis: Hypothesis) -> str:
 
 
 def _lines(values: Sequence[str]) -> str:
-    """An array with a line for each value."""
+    """An array in TOML with a line for each value."""
     return "\n".join(["[", *(f"    {_toml(value)}," for value in values), "]"])
 
 

@@ -1,7 +1,7 @@
-"""A study's plan as text for the fields of public registries.
+"""Write a study's plan as the fields of a preregistration form.
 
 The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/osf.io/epgjd) and of AsPredicted
-(aspredicted.org), under shortened headings.
+(aspredicted.org), with shortened headings.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -30,10 +30,10 @@ def write_preregistration(store: Store, offered: AvailableTests, form: str) -> P
     """Write a study's plan, frozen or not, as the fields of a form.
 
     Raises:
-        DesignError: when the plan is invalid.
-        StudyError: for an unknown form, after the first participant without a plan, when the file exists with another
-            text, and when the frozen plan is damaged or of unknown date.
-        OSError: when something cannot be read or written.
+        DesignError: if the plan is invalid.
+        StudyError: for an unknown form, after the first participant without a plan, if the file exists with another
+            text, or if the frozen plan is damaged or its date unknown.
+        OSError: if a file cannot be read or written.
     """
     if form not in FORMS:
         raise StudyError(f"unknown form {form!r}; allowed: {', '.join(FORMS)}")
@@ -51,7 +51,7 @@ def write_preregistration(store: Store, offered: AvailableTests, form: str) -> P
 
 
 def write_draft(path: Path, text: str) -> Path:
-    """Write a new file; ``StudyError`` if it exists with another text, which is not changed."""
+    """Write a new file. Raises ``StudyError`` if it exists with another text; it is not changed."""
     try:
         write_new(path, text)
     except FileExistsError:
@@ -61,7 +61,7 @@ def write_draft(path: Path, text: str) -> Path:
 
 
 def as_markdown(title: str, state: str, fields: Fields) -> str:
-    """Fields by section and heading as Markdown."""
+    """Format fields by section and heading as Markdown."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []
@@ -128,7 +128,7 @@ FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], Fields]]
     "osf": ("fields of the OSF preregistration", _osf),
     "aspredicted": ("answers for AsPredicted", _aspredicted),
 }
-"""Title and function by the name of a form."""
+"""Title and function of each form, by name."""
 
 
 # Facts about a study
@@ -155,7 +155,7 @@ def _manipulated(design: Design) -> str:
 
 
 def _measures(design: Design, plan: Plan) -> str:
-    """The primary measures; items with their text."""
+    """The primary measures, as a list; items with their text."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
     return bullet_list(_measure(design, name) for name in names)
 
@@ -200,7 +200,7 @@ def _exclusion(design: Design, plan: Plan) -> str:
 
 
 def bullet_list(items: Iterable[str]) -> str:
-    """A list in Markdown."""
+    """Format items as a Markdown list."""
     return "\n".join(f"- {item}" for item in items)
 
 

@@ -1,7 +1,7 @@
-"""Proof of the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
+"""Evidence for the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
 
-A time stamp contains the SHA-256 of ``plan-frozen.json`` and a time, signed by an authority. It is verified without a
-network. Whether the authority can be trusted depends on the root certificates of this computer.
+A time stamp contains the SHA-256 of ``plan-frozen.json`` and a time, signed by an authority. Verification needs no
+network. The authority is trusted if this computer has its root certificate.
 """
 
 import ssl
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 
 _PATH = (0, 1, 1, 0)
-"""From a response to its signed data: content of the response, token, its content, signed data."""
+"""Indices of nested DER elements: the path from a response to its signed data."""
 _CERTIFICATES = 0xA0
-"""The tag of the certificates in signed data."""
+"""DER tag of the certificates in signed data."""
 
 
 def sort_certificates(response: bytes) -> bytes:
-    """A response of a time stamping authority with its certificates in the order of DER.
+    """Sort the certificates in the response of a time stamping authority, as DER requires.
 
     Raises:
-        IndexError: when the bytes are not such a response.
+        IndexError: if the bytes are not such a response.
     """
     start, end = 0, len(response)
     for place in _PATH:
@@ -47,7 +47,7 @@ def sort_certificates(response: bytes) -> bytes:
 
 
 def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """The elements between two offsets: tag, and offsets of the element, its content and its end."""
+    """DER elements between two offsets: tag, and offsets of the element, of its content and of its end."""
     while start < end:
         length, content = data[start + 1], start + 2
         if length & 0x80:
@@ -62,7 +62,7 @@ REGISTRATION = "plan-registration.json"
 
 
 class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Address and day of a registration, as stated by the researchers."""
+    """URL and day of a registration, as claimed by the researchers."""
 
     url: str
     on: date
@@ -70,7 +70,7 @@ class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class TimeStamp:
-    """A verified time stamp. ``is_trusted``: this computer knows the root certificate of the authority."""
+    """A verified time stamp. ``is_trusted``: this computer has the root certificate of the authority."""
 
     at: datetime
     authority: str
@@ -78,15 +78,15 @@ class TimeStamp:
 
 
 def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
-    """Store a time stamp of a frozen plan next to it.
+    """Verify the time stamp of a frozen plan, and store it next to the plan.
 
     Args:
         folder: the study's folder.
         data: the authority's response.
-        record: the bytes of ``plan-frozen.json``.
+        record: contents of ``plan-frozen.json``.
 
     Raises:
-        StudyError: when it is not a valid time stamp of this record, or another one is stored. Nothing is stored then.
+        StudyError: if the time stamp is not valid for this record, or if another one is stored. Nothing is stored then.
     """
     stamp = verify_time_stamp(data, record)
     _refuse_other(folder / TIME_STAMP, data)
@@ -95,9 +95,11 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
 
 
 def store_registration(folder: Path, url: str, on: date) -> None:
-    """Store a registration as a claim; ``StudyError`` for an invalid address, or if another one is stored."""
+    """Store a registration as a claim. Raises ``StudyError`` for an invalid URL, or if another one is stored."""
     if not url.startswith(("https://", "http://")) or not url.isprintable() or len(url) > 500:
-        raise StudyError(f"{url[:100]!r} is not an address; allowed: https://…")
+        raise StudyError(
+            f"{url[:100]!r} is not a valid URL; allowed: http://… or https://…, at most 500 characters"
+        )
     data = msgspec.json.format(msgspec.json.encode(Registration(url, on))) + b"\n"
     _refuse_other(folder / REGISTRATION, data)
     write_atomically(folder / REGISTRATION, data, PRIVATE_FILE)
@@ -109,13 +111,13 @@ def _refuse_other(path: Path, data: bytes) -> None:
 
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
-    """The stored time stamp, if there is one; ``StudyError`` if it does not belong to this record."""
+    """The stored time stamp; ``None`` if there is none. Raises ``StudyError`` if it does not belong to this record."""
     path = folder / TIME_STAMP
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
 
 def read_registration(folder: Path) -> Registration | None:
-    """The stored registration, if there is one; ``StudyError`` for a damaged file."""
+    """The stored registration; ``None`` if there is none. Raises ``StudyError`` if the file is damaged."""
     path = folder / REGISTRATION
     try:
         return msgspec.json.decode(path.read_bytes(), type=Registration) if path.exists() else None
@@ -124,7 +126,7 @@ def read_registration(folder: Path) -> Registration | None:
 
 
 def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
-    """Verify the time stamp in an authority's response; ``StudyError`` unless it is valid for this record."""
+    """Verify an authority's response. Raises ``StudyError`` if it is not a valid time stamp of this record."""
     from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
 
     try:
@@ -159,7 +161,7 @@ def _signer(response: "TimeStampResponse", certificates: Sequence[x509.Certifica
 
 
 def _system_roots() -> list[x509.Certificate]:
-    """The root certificates that this computer trusts, without invalid ones."""
+    """All valid root certificates that this computer trusts."""
     found: list[x509.Certificate] = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", CryptographyDeprecationWarning)

@@ -1,4 +1,4 @@
-"""Links of participants: a random one for each session. The study stores only its checksum."""
+"""Session links for participants: a random link for each session. The study stores only its checksum."""
 
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage import hash_chain, schema
@@ -12,7 +12,7 @@ from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
 def make_link(store: Store, session_id: int) -> str:
-    """Create and store a link for an open session; ``StudyError`` if the session has ended."""
+    """Create and store a link for an open session. Raises ``StudyError`` if the session has ended."""
     link = new_link()
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
@@ -21,14 +21,14 @@ def make_link(store: Store, session_id: int) -> str:
 
 
 def participants_by_link(store: Store) -> dict[str, int]:
-    """The number of the participant by checksum of the link, for all links."""
+    """Participant number of each stored link, by the link's checksum."""
     with store.database.read() as connection:
         sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
         return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
 
 
 def session_links(store: Store) -> SessionLinks:
-    """Links for the sessions of a server; all earlier links have ended."""
+    """Create the session links of a server. The links of all earlier sessions are expired."""
     people = {each.number: each for each in store.participants()}
     return SessionLinks(
         {sha256: _language(store, people[number]) for sha256, number in participants_by_link(store).items()}
@@ -36,7 +36,7 @@ def session_links(store: Store) -> SessionLinks:
 
 
 def _language(store: Store, participant: Participant) -> Language:
-    """The participant's language; English if there are no texts in it any more."""
+    """The participant's language; English if the study has no texts in this language."""
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:
@@ -44,5 +44,5 @@ def _language(store: Store, participant: Participant) -> Language:
 
 
 def language_message(texts: Texts) -> Language:
-    """A participant's language and the texts of their page."""
+    """The message with the language of a participant and the texts of their page."""
     return Language(texts.language, texts.direction, dict(texts.page))

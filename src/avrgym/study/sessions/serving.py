@@ -1,4 +1,4 @@
-"""Sessions of a study's participants, one after another, in a real-time loop."""
+"""Run the sessions of a study's participants, one after another, in a real-time loop."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -30,21 +30,21 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
 MAX_CLIENTS = 64
-"""Maximum number of connections that are informed about the next session."""
+"""Maximum number of connected clients that receive the next session."""
 ACTION_TIMEOUT_S = 60.0
 
 RETRY_S = 5.0
-"""Time until a failed storage of a session's end is repeated, in seconds."""
+"""Time in seconds after which a failed write of a session's end is repeated."""
 
 Action = Callable[[float], Future[None] | None]
-"""An action for the loop's thread; it is complete when its future is, if there is one."""
+"""A function that runs in the loop's thread. If it returns a future, it completes with the future."""
 
 
 class StudySessions:
-    """Runs at most one participant's session at a time.
+    """Run at most one participant's session at a time.
 
     A session consists of questions before it, trials in VR, and questions after it. The loop's thread calls ``tick``.
-    Other threads may call ``begin``, ``withdraw`` and ``renew_link``, which return after completion.
+    Other threads may call ``begin``, ``withdraw`` and ``renew_link``; these return after completion.
     """
 
     def __init__(
@@ -60,11 +60,11 @@ class StudySessions:
         headset_check: bool = False,
         links: SessionLinks | None = None,
     ) -> None:
-        """Wait for a participant, or begin the session of the ``first`` immediately.
+        """Wait for a participant, or start the session of the participant ``first``.
 
-        ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers`` and
-        ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
-        ``plan_session``. ``links`` gets the link of each session. Raises the errors of ``begin``.
+        ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers``, ``streams``:
+        see ``Session``. ``storing``: see ``StudyVisit``. ``headset_check``: see ``plan_session``. ``links``: stores the
+        link of each session. Raises the errors of ``begin``.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
         self._streams, self._headset_check = streams, headset_check
@@ -83,36 +83,36 @@ class StudySessions:
 
     @property
     def furniture(self) -> RealFurniture:
-        """The real seat and bed of the next session."""
+        """The real seat and bed for the next session."""
         return self._furniture
 
     @property
     def participant(self) -> str | None:
-        """The pseudonym of the participant whose session runs."""
+        """Pseudonym of the running session's participant; ``None`` without a session."""
         return self._visit.pseudonym if self._visit is not None else None
 
     def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
-        """Begin a participant's session; ``furniture`` also applies to later sessions.
+        """Start a participant's session. ``furniture`` also applies to later sessions.
 
         Raises:
-            StudyError: while another session runs, or when the participant cannot have a session.
-            PolicyError: when a policy of the remaining trials is missing.
+            StudyError: if another session is running, or if the participant cannot have a session.
+            PolicyError: if a policy of the remaining trials is missing.
         """
         self._request(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the running session, then store the withdrawal.
+        """Stop robot and recording of the running session; then store the withdrawal.
 
         Raises:
-            StudyError: when the participant has no running session here.
+            StudyError: if the participant has no running session here.
         """
         self._request(lambda now_s: self._withdraw(pseudonym, reason, now_s))
 
     def renew_link(self, pseudonym: str) -> None:
-        """Create a new link for the running session; the earlier link ends.
+        """Create a new link for the running session. The earlier link becomes invalid.
 
         Raises:
-            StudyError: when the participant has no running session here.
+            StudyError: if the participant has no running session here.
         """
         visit = self._visit
         if visit is None or visit.pseudonym != pseudonym:
@@ -124,7 +124,7 @@ class StudySessions:
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
-        """Scenes of all sessions so far; browsers cache them by number."""
+        """The scenes of all sessions so far. Browsers cache them by index."""
         return self._scenes
 
     @property
@@ -133,7 +133,7 @@ class StudySessions:
         return self._session is None or self._session.at_rest
 
     def welcome(self, send: Send, role: Role, now_s: float) -> None:
-        """Send the present state to a client, now and when a session begins."""
+        """Send the current state to a client, immediately and at the start of each session."""
         self._clients.append((send, role))
         self._welcome(send, role, now_s)
 
@@ -145,7 +145,7 @@ class StudySessions:
             self._session.receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
-        """Run pending actions, then advance by 10 ms."""
+        """Run pending actions, then advance the session by 10 ms."""
         self._run_pending_actions(now_s)
         if self._ended is not None:
             self._await_end(self._ended, now_s)
@@ -159,7 +159,7 @@ class StudySessions:
                 self._begin_last_questions(self._visit, now_s)
 
     def close(self, now_s: float) -> None:
-        """End the running session, and refuse pending actions."""
+        """End the running session, and reject pending actions."""
         try:
             if self._session is not None:
                 self._session.close(now_s)
@@ -210,7 +210,7 @@ class StudySessions:
         self._forget_participant()
 
     def _end_link(self) -> None:
-        """End the link of the session; its pages do not join the next session."""
+        """Invalidate the session's link. Its pages cannot join the next session."""
         self.links.end()
         self._forget_participant()
 
@@ -244,7 +244,7 @@ class StudySessions:
             self._welcome(send, role, now_s)
 
     def _continue_after(self, questions: SessionQuestions, now_s: float) -> None:
-        """Begin the trials after the first questions; end the session after the last ones."""
+        """Start the trials after the first questions; end the session after the last questions."""
         questions.tick()
         if not questions.done:
             return
@@ -263,7 +263,7 @@ class StudySessions:
             self._send(_phase("finished", "ended", self._visit.texts))
 
     def _begin_last_questions(self, visit: StudyVisit, now_s: float) -> None:
-        """Begin the questions after the trials."""
+        """Start the questions after the trials."""
         self._questions = None if visit.ended_elsewhere else self._questions_of(visit, "after_session")
         if self._questions is None:
             self._end_visit(now_s)
@@ -280,7 +280,7 @@ class StudySessions:
         return stored
 
     def _end_visit(self, now_s: float) -> None:
-        """End the participant's link, then store the end of the visit."""
+        """Invalidate the participant's link, then store the end of the session."""
         self._end_link()
         if self._visit is not None:
             self._ended, self._retry_at_s = self._visit.end(), None
@@ -318,7 +318,7 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
 
 
 def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
-    """A phase outside the trials."""
+    """A phase that is not part of a trial."""
     text = Text(key)
     return Phase(
         name, texts.render(text), 0, 0, False, None, texts.render_for_page(text), texts.render_by_input(text)

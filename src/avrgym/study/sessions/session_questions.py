@@ -25,14 +25,14 @@ TITLES = {"before_session": Text("questions_before"), "after_session": Text("que
 
 
 class SessionQuestions:
-    """Shows one item after another until all answers are stored and confirmed.
+    """Show one item after another until all answers are stored and confirmed.
 
-    The participant can go back. The experimenter can skip the remaining items or end the session. ``decision`` is the
+    The participant can go back. The experimenter can skip the remaining items or end the session. ``decision``: the
     strictest decision of the stop rules so far; it does not shorten the questionnaire.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
-        """Show the items of a moment; ``send`` receives all messages for clients."""
+        """Prepare the items of the moment ``when``; ``send`` sends messages to all clients."""
         self.when = when
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
@@ -48,7 +48,7 @@ class SessionQuestions:
 
     @property
     def ended(self) -> bool:
-        """Whether the session has ended: by the experimenter, by another process or by a stop rule."""
+        """Whether the experimenter, another process or a stop rule has ended the session."""
         by_rule = self._over and self.decision is not None and self.decision.then == "end"
         return self._ended or by_rule or self._visit.ended_elsewhere
 
@@ -57,13 +57,13 @@ class SessionQuestions:
         self._send_item(self._send)
 
     def welcome(self, send: Send, role: Role) -> None:
-        """Send the present item to a new client."""
+        """Send the current item to a new client."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
         self._send_item(send)
 
     def receive(self, message: Received) -> None:
-        """Handle answers and commands; other messages are ignored."""
+        """Handle answers and commands. Other messages are ignored."""
         if self.done or self._stored is not None:
             return
         if isinstance(message, Answer):
@@ -76,7 +76,7 @@ class SessionQuestions:
             self._skip_rest(ended=message.name == "end")
 
     def tick(self) -> None:
-        """Continue when an answer is stored; an invalid answer is requested again."""
+        """Continue after the answer is stored. An invalid answer is requested again."""
         if self._stored is None or not self._stored.done():
             return
         error, given = self._stored.exception(), self._given
@@ -91,7 +91,7 @@ class SessionQuestions:
             self._continue(given)
 
     def _send_item(self, send: Send) -> None:
-        """Send the present item, or the request to confirm all answers."""
+        """Send the current item, or the request to confirm all answers."""
         name, text = (
             ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", TITLES[self.when])
         )
@@ -129,7 +129,7 @@ class SessionQuestions:
             self._send(self._questions.question())
 
     def _apply_stop_rules(self, answer: Answer) -> None:
-        """Apply the stop rules to an answer; an end replaces a pause."""
+        """Apply the stop rules to an answer. The decision to end replaces a decision to pause."""
         decision = self._visit.store.design.rules.decide(answer.item, answer.value)
         if decision is None:
             return
@@ -140,7 +140,7 @@ class SessionQuestions:
         self._send(Problem(before + decision.why, "experimenter"))
 
     def _store_answer(self, answer: Answer) -> None:
-        """Store an answer; refuse an invalid one."""
+        """Store an answer; reject an invalid answer."""
         asked = None if self._questions.done else self._questions.question()
         if asked is None:
             self._explain("no_question")
@@ -155,7 +155,7 @@ class SessionQuestions:
             self.tick()
 
     def _skip_rest(self, *, ended: bool) -> None:
-        """Skip the present and all following items."""
+        """Skip the current and all following items."""
         self._over, self._ended = True, ended
         if not self._questions.done:
             what = f"questions {self.when} left"

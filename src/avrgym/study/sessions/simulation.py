@@ -1,7 +1,7 @@
-"""Dry runs of a study: simulated participants use the same sessions, database and recordings as people.
+"""Dry run of a study: simulated participants use the same sessions, database and recordings as people.
 
-Each participant runs in a process, in simulated time. After each trial they leave VR, return and are measured again, so
-results of a trial depend on the seeds alone and not on where an earlier run ended.
+Each participant runs in a separate process, in simulated time. After each trial, the participant leaves VR, returns
+and is calibrated again. Results therefore depend on the seeds only, not on the point at which an earlier run ended.
 """
 
 import socket
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 AGES_YEARS = (19, 24)
-"""Youngest and oldest participant of the paper."""
+"""Age of the paper's youngest and oldest participant."""
 LEFT_STUDY = ("excluded", "withdrawn", UNKNOWN)
 
 
@@ -62,7 +62,7 @@ class DryRun:
 
 
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
-    """The settings for people and an impairment by name; ``ValueError`` for unknown names."""
+    """Settings from the names of people and an impairment. Raises ``ValueError`` for an unknown name."""
     return DryRun(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
 
 
@@ -76,23 +76,23 @@ def simulate_study(
     impairment: str = "none",
     cluster: "Cluster | None" = None,
 ) -> None:
-    """Let simulated participants complete a study; participants of an earlier run continue.
+    """Let simulated participants complete a study. Participants of an earlier run continue.
 
     Args:
         folder: the study's folder.
         participants: number of simulated participants, including those of an earlier run.
-        seed: seed of bodies, habits and answers; the seed of the earlier run, if there was one.
+        seed: seed of bodies, behaviour and answers; it must be the seed of the earlier run, if any.
         progress: called with the numbers of completed and planned trials.
-        jobs: number of processes; default: number of cores. Results do not depend on it.
-        people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
-            trained human or a folder of them.
+        jobs: number of processes; default: number of cores. It does not affect the results.
+        people: the population: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
+            trained human or a folder of trained humans.
         impairment: the impairment of all participants, a name in ``people.impairments.IMPAIRMENTS``.
-        cluster: run on its workers, which need access to the study's folder.
+        cluster: run on the workers of this cluster; they need access to the study's folder.
 
     Raises:
         ValueError: for unknown people or impairments; nothing is stored then.
-        StudyError: when an earlier run had another seed or other people, or a session fails.
-        PolicyError: when a policy of the design is missing; nothing is stored then.
+        StudyError: if an earlier run had another seed or other people, or if a session fails.
+        PolicyError: if a policy of the design is missing; nothing is stored then.
     """
     dry_run = find_dry_run(seed, people, impairment)
     with Store(folder) as store:
@@ -105,7 +105,8 @@ def simulate_study(
             environment_populations(people, environment)
             if isinstance(load_study_policy(store, environment, policy), HumanOperator):
                 raise PolicyError(
-                    f"{policy} needs a human operator, and a dry run has none; remove it in a copy of the study"
+                    f"{policy} needs a human operator, but a dry run has none; "
+                    "remove this policy in a copy of the study"
                 )
         pseudonyms = [simulated_participant(store, index, dry_run) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
@@ -121,7 +122,7 @@ def simulate_study(
 
 
 def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
-    """``simulate_participant`` on a worker of a cluster."""
+    """Run ``simulate_participant`` on a worker of a cluster."""
     if not (folder / FILE).is_file():
         raise StudyError(
             f"{folder} is missing on {socket.gethostname()}: each node of the cluster needs the study's folder at the "
@@ -131,7 +132,7 @@ def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
 
 
 def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
-    """Run all remaining trials of a simulated participant in this process, until they withdraw."""
+    """Run the remaining trials of a simulated participant in this process, until the last trial or a withdrawal."""
     with Store(folder) as store:
         try:
             _run_visit(store, pseudonym, dry_run)
@@ -147,12 +148,12 @@ def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
         while has_remaining(store, pseudonym):
             _run_trial(visit, dry_run)
             if visit.ended_elsewhere:
-                raise StudyError(f"{visit.stored} was ended elsewhere")
+                raise StudyError(f"{visit.stored} was ended by another process")
         _answer(visit, "after_session", rng)
 
 
 def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits:
-    """Sample body and habits of a simulated participant."""
+    """Sample body and behaviour of a simulated participant."""
     rng = _random(dry_run.seed, participant.number)
     seed = int(rng.integers(2**31))
     population = dry_run.populations[int(rng.integers(len(dry_run.populations)))]
@@ -161,7 +162,7 @@ def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits
 
 
 def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
-    """Give random answers to items about the session; answered items also consume random numbers."""
+    """Answer the items about the session at random. Items that are already answered also consume random numbers."""
     asked = visit.items(when)
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
         value = int(rng.integers(1, item.points + 1))
@@ -170,7 +171,7 @@ def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
 
 
 def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
-    """Run the first remaining trial as a separate session in VR."""
+    """Run the first remaining trial in its own VR session."""
     plan = visit.plan()
     number = plan.first_trial
     traits = draw_participant_traits(visit.store.participant(visit.pseudonym), dry_run)
@@ -182,7 +183,7 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
 
 
 def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
-    """The pseudonym of the simulated participant with this index, who is enrolled if necessary."""
+    """Pseudonym of the simulated participant with this index. A missing participant is enrolled."""
     present = [
         person for person in store.participants() if person.simulated and person.state not in LEFT_STUDY
     ]
@@ -196,7 +197,7 @@ def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
 
 
 def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRun) -> None:
-    """Record consent and inclusion, if they are missing."""
+    """Store consent and inclusion answers if they are missing."""
     note = str(dry_run)
     notes = [written.text for written in store.notes(pseudonym)]
     if not notes:

@@ -1,4 +1,4 @@
-"""Threads of a session: one stores facts in order, one watches whether the session is still open."""
+"""Threads of a session: one stores events in order; another checks whether the session is still open."""
 
 import threading
 from collections import deque
@@ -12,10 +12,10 @@ from avrgym.study.storage.store import Store, find_all
 
 
 class StorageThread(ThreadPoolExecutor):
-    """A single thread that stores facts in order.
+    """A single thread that stores events in order.
 
-    When its context ends, tasks that have not started are cancelled: a busy database does not delay the end of a
-    program. Callers that need a result wait for it before.
+    At the end of its context, waiting tasks are cancelled. A busy database therefore does not delay the end of a
+    program. Callers that need a result must wait for it before.
     """
 
     def __init__(self) -> None:
@@ -26,23 +26,23 @@ class StorageThread(ThreadPoolExecutor):
 
 
 class StorageQueue:
-    """Submits storage tasks to an executor with one thread."""
+    """A queue of storage tasks for an executor with one thread."""
 
     def __init__(self, thread: Executor) -> None:
-        """``thread`` runs tasks in order: a pool of one thread, or immediately in simulated time."""
+        """``thread`` runs tasks in order: a pool with one thread, or an immediate executor in simulated time."""
         self._thread = thread
         self._pending: deque[Future[None]] = deque()
 
     def submit_checked(self, store: Callable[[], None]) -> None:
-        """Submit a task; ``done`` raises its error."""
+        """Submit a task. If it fails, ``done`` raises its error."""
         self._pending.append(self.submit(store))
 
     def submit(self, store: Callable[[], None]) -> Future[None]:
-        """Submit a task; only its future raises its error."""
+        """Submit a task. If it fails, only its future raises the error."""
         return self._thread.submit(store)
 
     def done(self) -> bool:
-        """Whether all tasks of ``submit_checked`` are on disk; raises the error of a failed task once."""
+        """Whether all tasks of ``submit_checked`` are stored. Raises the error of a failed task once."""
         failures = [error for future in self._take_done() if (error := future.exception())]
         if failures:
             raise failures[0]
@@ -57,9 +57,9 @@ CHECK_EVERY_S = 0.5
 
 
 class SessionWatch:
-    """A thread that polls whether a session is still open in the database.
+    """A thread that polls the database to check whether a session is still open.
 
-    ``ended_elsewhere``: another process has ended it, by withdrawing the participant or by taking over.
+    ``ended_elsewhere``: another process has ended the session, by a withdrawal or by a take-over.
     """
 
     def __init__(self, store: Store, session_id: int) -> None:
@@ -75,7 +75,7 @@ class SessionWatch:
 
     def _run(self) -> None:
         while not self._closed.wait(CHECK_EVERY_S) and not self.ended_elsewhere:
-            with suppress(StudyError):  # other operations report an unreadable database
+            with suppress(StudyError):  # other functions report an unreadable database
                 self._poll()
 
     def _poll(self) -> None:

@@ -1,4 +1,4 @@
-"""A participant's visit: a session in VR that is stored in the study's database."""
+"""A participant's visit: a VR session whose events are stored in the study's database."""
 
 import re
 from collections.abc import Sequence
@@ -58,10 +58,10 @@ STORE_TIMEOUT_S = 20.0
 
 
 class StudyVisit:
-    """An open session of a participant in a study, as a context manager.
+    """Context manager: an open session of a participant in a study.
 
-    ``stored`` is its row. ``trials`` are all trials of the participant in the order of ``plan``: first the completed
-    ones, then the remaining ones.
+    ``stored``: the session's row. ``trials``: all trials of the participant in the order of ``plan``, first the
+    completed trials, then the remaining ones.
     """
 
     def __init__(
@@ -72,12 +72,12 @@ class StudyVisit:
         Args:
             store: the study.
             pseudonym: the participant.
-            take_over: also end a session that may run at another station.
-            storing: a thread that stores events; default: events are stored immediately, and the caller waits.
+            take_over: end an open session, even if another station is possibly still running it.
+            storing: the executor that stores events; default: events are stored immediately, in the caller's thread.
 
         Raises:
-            StudyError: without consent and an allocated order, or while another session runs.
-            PolicyError: when a policy of the remaining trials is missing or invalid; no session is opened.
+            StudyError: if consent or an allocated order is missing, or if another session is running.
+            PolicyError: if a policy of the remaining trials is missing or invalid. No session is opened then.
         """
         self.store, self.pseudonym = store, pseudonym
         self.policies = _policies(store, pseudonym)
@@ -90,12 +90,12 @@ class StudyVisit:
 
     @property
     def identifier(self) -> str:
-        """The name of the session for clients and recordings."""
+        """Name of the session for clients and recordings."""
         return f"{self.pseudonym} {self.stored.name}"
 
     @property
     def language_message(self) -> Language:
-        """The participant's language and the texts of their page."""
+        """The message with the participant's language and the texts of their page."""
         return language_message(self.texts)
 
     @property
@@ -104,7 +104,7 @@ class StudyVisit:
         return self._watch.ended_elsewhere
 
     def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
-        """The remaining trials; ``StudyError`` if there are none. Arguments as in ``plan_session``."""
+        """Plan the remaining trials; see ``plan_session``. Raises ``StudyError`` if no trial remains."""
         if not has_remaining(self.store, self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
@@ -118,10 +118,10 @@ class StudyVisit:
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
     ) -> Session:
-        """A session in VR of the plan or its first trials, which stores its events. Arguments as in ``Session``.
+        """Create the VR session of a plan, or of its first trials. It stores its events. Arguments: see ``Session``.
 
         Raises:
-            StudyError: when the robot of the first trial has no start.
+            StudyError: if the robot of the first trial has no valid initial state.
         """
         try:
             return Session(
@@ -140,11 +140,11 @@ class StudyVisit:
             )
         except NoClearanceError as error:
             raise StudyError(
-                f"{self.identifier} cannot begin: {error}; `avrgym study check` lists all bodies without a start"
+                f"{self.identifier} cannot start: {error}; `avrgym study check` lists all bodies without a start"
             ) from error
 
     def _store_policies(self) -> None:
-        """Store the present policy files and plug-ins of the remaining trials."""
+        """Store the current policy files and plug-ins of the remaining trials."""
         files = msgspec.json.encode(policy_files(self.store)).decode()
         record_session_event(self.store, self.stored.id, POLICIES_USED, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
@@ -158,17 +158,17 @@ class StudyVisit:
         return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """The unanswered items ``before_session`` or ``after_session``, in this participant's order and language."""
+        """The unanswered items ``before_session`` or ``after_session``, in the participant's order and language."""
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
 
     def record(self, answer: Answer, when: str) -> Future[None]:
-        """Store an answer about the session; the future raises ``StudyError`` for an invalid or second answer."""
+        """Store an answer about the session. The future raises ``StudyError`` for an invalid or second answer."""
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def change(self, answer: Answer, when: str) -> Future[None]:
-        """Store a changed answer about the session; errors as in ``record``."""
+        """Store a changed answer about the session. The future raises the errors of ``record``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
     def record_event(self, name: str, detail: str) -> Future[None]:
@@ -176,9 +176,10 @@ class StudyVisit:
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
-        """Stop robot and recording, end the session in VR, then store the withdrawal.
+        """Stop robot and recording, end the VR session, then store the withdrawal.
 
-        ``StudyError`` for a reason that is too long; nothing is stopped then.
+        Raises:
+            StudyError: if the reason is too long; nothing is stopped then.
         """
         check_line("the reason", reason)
         if session is not None and session.phase != "finished":
@@ -186,15 +187,18 @@ class StudyVisit:
         return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
 
     def end(self) -> Future[None]:
-        """Store the end of the session after all other events. After the last trial the participant is completed."""
+        """Store the end of the session after all other events.
+
+        If no trial remains, the participant becomes completed.
+        """
         self._watch.close()
         return self.storing.submit(self._end)
 
     def close(self) -> None:
-        """End the session, and wait until this is stored.
+        """End the session, and wait until its end is stored.
 
         Raises:
-            StudyError: when it cannot be stored; the next session of the participant then ends this one.
+            StudyError: if the end cannot be stored; the participant's next session then ends this session.
         """
         try:
             self.end().result(STORE_TIMEOUT_S)
@@ -217,7 +221,7 @@ class StudyVisit:
 
 
 def has_remaining(store: Store, pseudonym: str) -> bool:
-    """Whether a participant has remaining trials or an open questionnaire."""
+    """Whether a trial or an open questionnaire of the participant remains."""
     return bool(
         store.remaining_trials(pseudonym)
         or attempts_with_open_questionnaire(store, store.attempts(pseudonym))
@@ -225,7 +229,7 @@ def has_remaining(store: Store, pseudonym: str) -> bool:
 
 
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
-    """All trials of a participant: first the completed ones, then the remaining ones."""
+    """All trials of a participant: first the completed trials, then the remaining ones."""
     remaining = store.remaining_trials(pseudonym)
     over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
     return over + remaining
@@ -234,10 +238,10 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
 def plan_session(
     store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
 ) -> SessionPlan:
-    """The plan of a participant's next session; at least a trial or an open questionnaire must remain.
+    """Plan a participant's next session. At least one trial or open questionnaire must remain.
 
-    ``furniture`` is the real seat or bed; default: that of the design. ``headset_check``: check the headset of a person
-    even if the design does not.
+    ``furniture``: the real seat and bed; default: the design's. ``headset_check``: check the headset of a person, even
+    if the design does not require it.
     """
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
@@ -267,7 +271,7 @@ def plan_session(
 
 
 def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
-    """The first open questionnaire, which is shown before the next trial."""
+    """The first open questionnaire. It is shown before the next trial."""
     left = attempts_with_open_questionnaire(store, store.attempts(pseudonym))
     if not left:
         return None
@@ -290,9 +294,9 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """The policies of trials that are not completed or have an open questionnaire.
+    """The policies of all trials that are not completed, or that have an open questionnaire.
 
-    After a crash, an interrupted trial may still have the state running.
+    After a crash, an interrupted trial can still have the state ``running``.
     """
     left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     wanted = {
@@ -306,12 +310,12 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
 
 class EventStorage:
-    """Stores events of a session in VR, unless another process has ended it; raises errors of storing."""
+    """Store the events of a VR session until another process ends it. Storage errors are raised."""
 
     def __init__(
         self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
     ) -> None:
-        """Store events of a session; ``trials`` are in the order of its plan."""
+        """Store events of this session; ``trials`` are in the order of its plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
@@ -319,7 +323,7 @@ class EventStorage:
         self._torso_height_m: float | None = None
 
     def __call__(self, event: SessionEvent) -> None:
-        """Store an event; it is on disk when this returns."""
+        """Store an event. It is on disk when this method returns."""
         if self._watch.ended_elsewhere:
             return
         match event:
@@ -356,7 +360,7 @@ class EventStorage:
         self._began_s = begun.time_s
 
     def _settle(self) -> None:
-        """End an attempt if its end could not be stored and it is still running."""
+        """End a running attempt whose end could not be stored."""
         for attempt in self._store.attempts(self._pseudonym):
             if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
                 end_attempt(self._store, attempt.id, "failed")
@@ -374,7 +378,7 @@ class EventStorage:
         self._attempt = None
 
     def _skip(self, skipped: events.TrialSkipped) -> None:
-        """Move a trial after all others, unless it was skipped before."""
+        """Move a trial behind all others; a trial that was skipped before is not moved."""
         position = self._trials[skipped.trial - 1].position
         if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
@@ -387,7 +391,7 @@ class EventStorage:
         record_session_event(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
-        """The running attempt, or the one that completed the trial with this number."""
+        """The running attempt, or the attempt that completed the trial with this number."""
         if self._attempt is not None:
             return self._attempt.id
         trial = self._trials[number - 1]

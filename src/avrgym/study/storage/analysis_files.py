@@ -1,4 +1,4 @@
-"""Files that an analysis wrote into a folder. Only these files are ever replaced or removed."""
+"""List and remove the files of an analysis. Other files in its folder are never replaced or removed."""
 
 import json
 import shutil
@@ -6,15 +6,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 FOLDER = "analysis"
-"""The default folder of an analysis, in the study's folder."""
+"""Default folder of an analysis, relative to the study's folder."""
 RESULTS = "results.json"
 UNFINISHED_PREFIX = ".analysis-"
-"""Prefix of the temporary folder of an analysis. A killed analysis leaves it behind."""
+"""Prefix of an analysis' temporary folder. It remains if the analysis is killed."""
 FORMAT_NAME = "avrgym analysis"
 
 
 def previous_files(folder: Path) -> list[str] | None:
-    """Files of an earlier analysis in a folder, without its results; ``None`` if there is none."""
+    """Files of an earlier analysis in a folder, without its results file; ``None`` without an earlier analysis."""
     try:
         results = json.loads((folder / RESULTS).read_bytes())
         return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
@@ -23,14 +23,14 @@ def previous_files(folder: Path) -> list[str] | None:
 
 
 def remove_files(folder: Path, names: Iterable[str]) -> None:
-    """Remove files of a folder by their relative names. Names that lead out of it are ignored."""
+    """Remove files by their names relative to a folder. Names outside the folder are ignored."""
     for name in names:
         if (folder / name).resolve().is_relative_to(folder.resolve()):
             (folder / name).unlink(missing_ok=True)
 
 
 def remove_analysis(folder: Path) -> None:
-    """Remove only the files that analyses wrote into a folder; the results are removed last."""
+    """Remove only the files of an analysis from a folder, the results file last."""
     names = previous_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS])

@@ -1,4 +1,4 @@
-"""Answers to questionnaires. An earlier value of a changed answer is stored in an event."""
+"""Store answers to questionnaires. If an answer is changed, an event contains its earlier value."""
 
 import math
 from collections import Counter
@@ -25,18 +25,18 @@ from avrgym.study.storage.store import (
 )
 
 ANSWER_CHANGED = "answer changed"
-"""Event: a participant changed an answer; the detail contains the item and both values."""
+"""Name of the event of a changed answer; its detail contains the item and both values."""
 ANSWERED = "answered"
-"""Event, followed by a moment: an answer about a session; the detail is the item."""
+"""Begins the name of the event of an answer about a session; the moment follows. Its detail is the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_LEFT = "questionnaire open", "questionnaire left"
-"""Events: a trial was completed with unanswered items, and the experimenter skipped these items."""
+"""Names of events: a trial was completed with unanswered items; the experimenter skipped these items."""
 
 
 def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store an answer to an item after a trial.
 
     Raises:
-        StudyError: unless the attempt is running or its questionnaire open, or for an invalid or second answer.
+        StudyError: for an invalid or second answer, or if neither the attempt is running nor its questionnaire open.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -47,11 +47,11 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
-    """Store a changed answer; an event contains the earlier value.
+    """Replace the answer to an item. An event contains the earlier value.
 
     Raises:
-        StudyError: unless the attempt is running or its questionnaire was open, if the item was not answered, or for an
-            invalid answer.
+        StudyError: for an invalid answer, if the item was not answered, or if neither the attempt is running nor its
+            questionnaire was open.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -61,7 +61,7 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
-    """Store a changed answer about a session, like ``change_answer``."""
+    """Replace the answer to an item about a session; see ``change_answer``."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
@@ -71,10 +71,10 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
-    """Store an answer to an item before or after a session; ``when`` is necessary if the item is in both.
+    """Store an answer to an item before or after a session. ``when`` is required if the item is in both.
 
     Raises:
-        StudyError: unless the session is open, or for an invalid or second answer.
+        StudyError: for an invalid or second answer, or if the session is not open.
     """
     moment = when or _only_moment(store.design, answer.item)
     with store.database.write() as connection:
@@ -89,9 +89,11 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 def answer_moments(
     design: Design, answers: Iterable[GivenAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
-    """The moment of each answer, one of ``MOMENTS``, by its id; arguments are in order of storage.
+    """The moment (one of ``MOMENTS``) of each answer, by its id.
 
-    The moment of an answer about a session is in its event; studies of earlier versions have no such events.
+    Arguments must be in the order in which they were stored.
+
+    The event of an answer about a session contains its moment. Studies of earlier versions have no such events.
     """
     of_events: dict[tuple[int | None, str], list[str]] = {}
     for event in events:
@@ -110,9 +112,9 @@ def answer_moments(
 
 
 def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
-    """The ids of a session and of the interrupted sessions before it, which are one visit.
+    """Ids of a session and of the interrupted sessions directly before it; together they are one visit.
 
-    ``sessions`` are those of a participant, in order.
+    ``sessions``: all sessions of a participant, in order.
     """
     ids: list[int] = []
     for session in sessions:
@@ -127,9 +129,9 @@ def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list
 def reconcile_answers(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
 ) -> list[Answer]:
-    """Store recorded answers that the database lacks; return stored answers that the recording lacks.
+    """Store recorded answers that are not in the database. Returns stored answers that are not in the recording.
 
-    For each item the source with more answers is newer: answers are only added or changed.
+    For each item, the source with more answers is newer, because answers are only added or changed.
     """
     items, event = (
         store.design.items_at("after_trial"),
@@ -157,7 +159,7 @@ def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
-    """Moment and item of each question about a session that was answered in its visit."""
+    """Moment and item of each question about a session that was answered in the session's visit."""
     pseudonym = pseudonym_of(session.participant)
     visit = sessions_of_visit(store.sessions(pseudonym), session.id)
     answers = [
@@ -168,14 +170,14 @@ def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str
 
 
 def _only_moment(design: Design, item_id: str) -> str:
-    """The moment of an item before or after a session; the first if it has both."""
+    """The moment of an item before or after a session; the first moment if the item has both."""
     questionnaire = design.questionnaire_of(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
 
 
 def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
-    """Attempts that completed their trial and have unanswered items."""
+    """All attempts that completed their trial and have unanswered items."""
     with store.database.read() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
@@ -191,7 +193,7 @@ def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: Tri
 
 
 def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
-    """Store that the experimenter skipped these items."""
+    """Store that the experimenter skipped these items of an attempt."""
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
         record_event(
@@ -203,12 +205,12 @@ def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> N
 
 
 def was_left_open(connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Whether an attempt completed its trial with unanswered items."""
+    """Whether an attempt had unanswered items when it completed its trial."""
     return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
 
 
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """A running attempt, or one that completed its trial with unanswered items."""
+    """An attempt that is running, or that completed its trial with unanswered items."""
     found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if found.state == "completed" and was_left_open(connection, found):
         return found
@@ -220,7 +222,7 @@ def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
 
 
 def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
-    """The unanswered items of an attempt; empty for practice trials."""
+    """Ids of the unanswered items of an attempt; empty for practice trials."""
     trial = find(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
@@ -251,7 +253,7 @@ def _insert_answer(
     answer: Answer,
     about: Mapping[str, int],
 ) -> None:
-    """Store an answer; ``StudyError`` for an invalid or second answer."""
+    """Store an answer. Raises ``StudyError`` for an invalid or second answer."""
     _check(items, answer)
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
@@ -259,7 +261,7 @@ def _insert_answer(
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:
-    """Raise ``StudyError`` for an answer that fits none of these items."""
+    """Raise ``StudyError`` if the answer is not valid for any of the items."""
     try:
         validate_answer(items, answer.item, answer.value)
     except ValueError as error:

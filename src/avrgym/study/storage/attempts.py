@@ -1,4 +1,4 @@
-"""Attempts at trials: each has one recording, and completes its trial or is followed by another attempt."""
+"""Attempts at trials. Each attempt has one recording. If it does not complete its trial, another attempt follows."""
 
 import hashlib
 import math
@@ -32,11 +32,11 @@ from avrgym.study.storage.store import (
 from avrgym.system.files import make_private_folder
 
 INCOMPLETE_ENDS: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
-"""End states of attempts that do not complete their trial."""
+"""End states of attempts that did not complete their trial."""
 NO_METRICS = Metrics()
 """Metrics of an attempt without results."""
 CHECKSUM_DIFFERS = "was changed: its checksum differs"
-"""Fault of a recording that changed after the end of its attempt."""
+"""Error message about a recording that changed after the end of its attempt."""
 
 
 def begin_attempt(
@@ -47,18 +47,18 @@ def begin_attempt(
     *,
     torso_height_m: float | None = None,
 ) -> TrialAttempt:
-    """Begin the next attempt at a trial.
+    """Start the next attempt at a trial.
 
     Args:
         store: the study.
         session_id: an open session.
-        position: the position of a planned or skipped trial.
+        position: position of a planned or skipped trial.
         recording: the opened file in the session's folder; default: the next free name. The folder is created, the
             file is not.
-        torso_height_m: the torso height of the simulated body, if it is known.
+        torso_height_m: torso height of the simulated body, if known.
 
     Raises:
-        StudyError: when another attempt runs in the session, or the file is in another folder.
+        StudyError: if another attempt is running in the session, or if the file is in another folder.
     """
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
@@ -89,10 +89,10 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
     Args:
         store: the study.
         attempt_id: a running attempt.
-        metrics: its results.
+        metrics: metrics of the attempt.
 
     Raises:
-        StudyError: unless it is running and has a recording.
+        StudyError: if the attempt is not running or has no recording.
     """
     with store.database.write() as connection:
         attempt = find_running_attempt(connection, attempt_id)
@@ -102,10 +102,10 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
 
 
 def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NO_METRICS) -> None:
-    """End an attempt in a state of ``INCOMPLETE_ENDS``; its trial is planned again.
+    """End an attempt in a state of ``INCOMPLETE_ENDS``. Its trial is planned again.
 
     Raises:
-        StudyError: unless the attempt is running, or for another state.
+        StudyError: for another state, or if the attempt is not running.
     """
     if state not in INCOMPLETE_ENDS:
         raise StudyError(
@@ -124,9 +124,9 @@ def finish_attempt(
     *,
     closed: bool = True,
 ) -> None:
-    """End an attempt within a transaction; its trial is completed or planned again.
+    """End an attempt within a transaction. Its trial is completed or planned again.
 
-    ``closed``: nobody writes the recording any more, and its checksum is stored.
+    ``closed``: no process writes the recording; its checksum is then stored.
     """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
@@ -146,13 +146,13 @@ def finish_attempt(
 def finished_metrics(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
-    """The metrics of an attempt if the robot had finished before the program ended, else ``None``.
+    """The metrics of an attempt if the robot finished before the program ended; otherwise ``None``.
 
-    Answers are copied between recording and database until both contain the same. ``writer_ended``: nobody writes the
-    recording any more; a truncated recording is completed.
+    Missing answers are copied between recording and database. ``writer_ended``: no process writes the recording; a
+    truncated recording is then completed.
 
     Raises:
-        StudyError: when the recording or its answers cannot be completed on this disk.
+        StudyError: if the recording or its answers cannot be completed on this disk.
     """
     path = store.path(attempt.recording)
     if not path.is_file():
@@ -170,13 +170,13 @@ def finished_metrics(
         return None
     except OSError as error:
         raise StudyError(
-            f"{attempt.recording} cannot be completed: {error}. Repair the cause and begin again"
+            f"{attempt.recording} cannot be completed: {error}. Correct this and start again"
         ) from error
     return recording.metrics
 
 
 def sha256_of(store: Store, recording: str) -> str | None:
-    """The checksum of a recording, if it exists."""
+    """SHA-256 of a recording; ``None`` if it does not exist."""
     path = store.path(recording)
     if not path.is_file():
         return None
@@ -185,7 +185,7 @@ def sha256_of(store: Store, recording: str) -> str | None:
 
 
 def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
-    """Metrics as stored values; ``StudyError`` for values that are not finite."""
+    """The metrics as stored values. Raises ``StudyError`` for a value that is not finite."""
     values = msgspec.to_builtins(metrics)
     for name, value in values.items():
         if not math.isfinite(value):
@@ -200,7 +200,7 @@ def _check_idle(connection: sa.Connection, session: StudySession) -> None:
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
-    """The path, relative to the study, of a file that was opened for an attempt."""
+    """The path of an attempt's opened file, relative to the study."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
         raise StudyError(
@@ -210,7 +210,7 @@ def _name(store: Store, session: StudySession, recording: Path) -> str:
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
-    """The first free name from this attempt number on."""
+    """The first free file name, starting with this attempt number."""
     make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"

@@ -1,6 +1,6 @@
-"""The audit log of a study: actions and views, with the person. Entries are only added.
+"""The audit log of a study: actions and views, with the person. Entries are only appended.
 
-Entries contain no names of participants, notes or reasons. The hash chain reveals changed and deleted entries.
+Entries contain no names of participants, no notes and no reasons. The hash chain reveals changed and deleted entries.
 """
 
 import os
@@ -24,25 +24,25 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
     "account",
 )
 KNOWN_BY = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
-"""Means of identification: a personal token, a shared token, or an account on the computer."""
+"""How a person is identified: by a personal token, a shared token, or an account on the computer."""
 UNNAMED = "unnamed"
-"""The name of a person with a shared token."""
+"""Name of a person who uses a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
-"""Commands whose detail names an experimenter."""
+"""Commands whose detail is the name of an experimenter."""
 REFUSED = "refused"
-"""The detail of a command that changed nothing."""
+"""Detail of a rejected command."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """A person, and the means of identification, one of ``KNOWN_BY``."""
+    """A person, and how the person is identified (one of ``KNOWN_BY``)."""
 
     name: str
     known_by: str
 
 
 def account_actor() -> Actor:
-    """The user of this process by the operating system, not by environment variables."""
+    """The user of this process. The operating system provides the name, not environment variables."""
     try:
         import pwd
 
@@ -63,19 +63,19 @@ def add_entry(
     at: str | None = None,
     shows_results: bool = False,
 ) -> None:
-    """Add an entry to a study's log.
+    """Add an entry to the audit log of a study.
 
     Args:
         store: the study.
         actor: the person.
         name: the action, such as ``export``.
-        participant: the pseudonym of the participant, if the action is about one.
-        detail: a detail without names of participants.
-        at: the time; default: now.
-        shows_results: the person saw results; the number of completed participants is stored.
+        participant: pseudonym of the participant whom the action affects, if any.
+        detail: further information without names of participants.
+        at: time of the action; default: the current time.
+        shows_results: whether the person saw results; the number of completed participants is then stored.
 
     Raises:
-        StudyError: when the study cannot be written.
+        StudyError: if the study cannot be written.
     """
     with store.database.write() as connection:
         completed, planned = _progress(store, connection) if shows_results else (None, None)
@@ -95,7 +95,7 @@ def add_entry(
 
 
 def _number(pseudonym: str | None) -> int | None:
-    """The number of a participant; ``None`` for text that is not a pseudonym."""
+    """The participant's number; ``None`` for text that is not a pseudonym."""
     try:
         return None if pseudonym is None else participant_number(pseudonym)
     except StudyError:
@@ -103,15 +103,15 @@ def _number(pseudonym: str | None) -> int | None:
 
 
 def _next_id(connection: sa.Connection) -> int:
-    """The id after the last entry of this study; larger ids belong to merged sites."""
+    """The id for a new entry of this study. Larger ids belong to merged sites."""
     ids = sa.select(sa.func.max(schema.LOG.c.id)).where(schema.LOG.c.id < ROWS_PER_SITE)
     return (connection.execute(ids).scalar() or 0) + 1
 
 
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
-    """Numbers of completed and planned participants; ``None`` while there are no results.
+    """Numbers of completed and planned participants; ``None`` if there are no results yet.
 
-    Simulated participants count only in a study without people.
+    Simulated participants are counted only in a study without people.
     """
     everyone = find_all(connection, Participant)
     simulated = all(each.simulated for each in [*everyone, *find_all(connection, Tombstone)])
@@ -123,7 +123,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
 
 def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
-    """The person of an entry as text; ``sites`` are the names of merged sites by number."""
+    """The person of a log entry as text. ``sites``: names of merged sites by number."""
     who = {
         OWN_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",
@@ -135,5 +135,5 @@ def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
 
 
 def site_names(store: Store) -> dict[int, str]:
-    """The names of the sites that a study was merged from, by number."""
+    """Names of the sites of a merged study, by number."""
     return {site.number: site.name for site in store.sites()}

@@ -1,4 +1,4 @@
-"""Sentences about a lost database for the report, the methods section and exports."""
+"""Describe the loss of a database in sentences, for the report, the methods section and exports."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,7 +9,7 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 PARTICIPATION_CONFIRMED = "participation confirmed"
-"""Event: the experimenter confirmed from other records that a participant consented and did not withdraw."""
+"""Name of the event that the experimenter confirmed a participant's consent from other records."""
 
 
 def describe_data_loss(store: Store) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The study's database: durable transactions, one writer at a time, hash chain, checksum and migrations."""
+"""The database of a study: durable transactions with one writer, hash chain, checksum and migrations."""
 
 import json
 import os
@@ -30,33 +30,33 @@ from avrgym.system.files import make_private_folder, write_new
 FILE = "study.db"
 BACKUPS = "backups"
 CHECKSUM_WAIT_S = 1.0
-"""Maximum wait for the database's lock at the end of a process, in seconds."""
+"""Maximum time to wait for the database lock at the end of a process, in seconds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 OLDEST = "0006_headset_check"
-"""The revision of 0.2.0, the first released version."""
+"""Database revision of AVR Gym 0.2.0, the first release."""
 UNRELEASED = ("0007_records", "0008_log", "0009_consents", "0010_design")
-"""Revisions of development versions, which are upgraded in one step with those of 0.2.0."""
+"""Revisions of development versions. One migration upgrades them and revision ``OLDEST``."""
 _LOCK = 0x41565247
 
 
 class Database:
-    """A study's database. Each transaction is on disk when it ends, and only one writes at a time.
+    """The database of a study. A transaction is on disk when it ends. Only one transaction writes at a time.
 
-    ``read_only``: the folder cannot be written; a SQLite database is then read from a copy.
+    ``read_only``: the folder cannot be written; SQLite then reads a copy of the database.
     """
 
     def __init__(self, folder: Path, url: str, *, read_only: bool = False, rebuild: bool = False) -> None:
-        """Open the database. Create its tables, or upgrade them after a backup.
+        """Open the database. If needed, create its tables, or back it up and upgrade its tables.
 
         Args:
             folder: the study's folder.
-            url: the URL of a PostgreSQL database; empty for SQLite.
-            read_only: refuse to write.
-            rebuild: create it even if an earlier database was lost.
+            url: URL of a PostgreSQL database; empty for SQLite.
+            read_only: reject writes.
+            rebuild: create a database even if an earlier one was lost.
 
         Raises:
-            StudyError: when it cannot be opened, was lost, or has a newer revision.
+            StudyError: if the database cannot be opened, was lost, or has a newer revision.
         """
         if not url and not rebuild and not (folder / FILE).exists():
             _refuse_if_lost(folder, FILE)
@@ -77,7 +77,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Generator[sa.Connection]:
-        """A read transaction with a consistent view of the study."""
+        """Context manager: a read transaction with a consistent snapshot of the database."""
         with self._begin() as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
@@ -85,9 +85,9 @@ class Database:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """A write transaction. No other write overlaps it; afterwards it is on disk, or undone by an error.
+        """Context manager: a write transaction. It is committed to disk at the end, or rolled back after an error.
 
-        Rows must be written with the functions of ``hash_chain``.
+        Rows must be written with the functions of ``hash_chain``. Write transactions never overlap.
         """
         if self.read_only:
             raise StudyError(
@@ -111,7 +111,7 @@ class Database:
 
     @contextmanager
     def _lock(self, **options: float) -> Generator[sa.Connection]:
-        """A transaction that holds the write lock."""
+        """Context manager: a transaction that holds the write lock."""
         with self._begin(writes=True, **options) as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
@@ -133,7 +133,7 @@ class Database:
         try:
             with self.read() as connection:
                 differs = bool(compare(self.participation, connection))
-        except StudyError:  # unreadable rows: a check reports them
+        except StudyError:  # a check reports unreadable rows
             return
         if differs:
             with self._write() as connection:
@@ -144,7 +144,7 @@ class Database:
         """Overwrite the contents of deleted rows in the database's files.
 
         Raises:
-            StudyError: when another process uses the database; no data is lost.
+            StudyError: if another process uses the database; no data are lost then.
         """
         with self._lock() as connection:
             self._invalidate_checksum(connection)
@@ -157,7 +157,7 @@ class Database:
                     connection.execute(sa.text("VACUUM FULL"))
 
     def faults(self) -> list[tuple[str, str]]:
-        """Faults of the database, its rows and the files next to it, as pairs of place and message."""
+        """Errors of the database, its rows and its integrity files, as pairs of place and message."""
         faults = [*self._integrity_faults(), *self._file_faults()]
         with self.read() as connection:
             faults += hash_chain.faults(connection)
@@ -188,13 +188,13 @@ class Database:
     # Integrity files
 
     def _invalidate_checksum(self, connection: sa.Connection) -> None:
-        """Remove the checksum before a write."""
+        """Remove the stored checksum before a write."""
         if self.is_sqlite and not self.read_only:
             self._integrity.remove_checksum(lambda: sqlite.database_checksum(connection))
         self._wrote = not self.read_only
 
     def _store_integrity(self) -> None:
-        """Store the last head of the chain, heads that it lacks, and the checksum of the file."""
+        """Store the checksum of the file, the last head of the hash chain, and stored heads that the chain lacks."""
         with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
             with suppress(IntegrityFileError):
                 ends = hash_chain.missing_heads(connection, self._integrity.heads() or ())
@@ -219,7 +219,7 @@ class Database:
         if self._integrity.mismatch:
             yield (
                 FILE,
-                f"had been changed by another program; find out why, then remove {MISMATCH}",
+                f"had been changed by another program; find the cause, then remove {MISMATCH}",
             )
         if lost:
             yield (
@@ -251,14 +251,14 @@ class Database:
             self._migrate(connection)
 
     def _refuse_if_emptied(self) -> None:
-        """Raise ``StudyError`` for empty tables if an earlier database was lost, as after a killed rebuild."""
+        """Raise ``StudyError`` for empty tables if an earlier database was lost, for example after a killed rebuild."""
         if self._rebuild:
             return
         try:
             with self.read() as connection:
                 is_filled = bool(connection.execute(_SOMEBODY).scalar())
                 begun_with = None if is_filled else chain_id(connection)
-        except StudyError:  # unreadable tables: a check reports them
+        except StudyError:  # a check reports unreadable tables
             return
         if is_filled:
             return
@@ -297,7 +297,7 @@ class Database:
         upgrade(configuration, "head")
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
-        """Back up the database: a SQLite file, or the rows of all tables as JSON."""
+        """Back up the database: the SQLite file, or the rows of all tables as JSON."""
         folder = self._folder / BACKUPS
         make_private_folder(folder)
         moment = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
@@ -309,7 +309,7 @@ class Database:
 
 
 def database_url(configured: str) -> str:
-    """The URL of the database to use: the environment variable's, else the design's."""
+    """URL of the study's database, from the environment variable or else from the design."""
     url = os.environ.get(URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):
         raise StudyError(f"{URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name")
@@ -324,11 +324,11 @@ _SOMEBODY = sa.select(
         sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
     )
 )
-"""Whether a database has or had participants, was merged, or was rebuilt without participants."""
+"""Query: whether the database has or had participants, was merged, or was rebuilt without participants."""
 
 
 def _refuse_if_lost(folder: Path, database: str, ignored: Collection[str] = ()) -> None:
-    """Raise ``StudyError`` if the folder contains traces of an earlier database, except those in ``ignored``."""
+    """Raise ``StudyError`` if the folder contains traces of an earlier database that are not in ``ignored``."""
     traces = [each for each in traces_of_database(folder) if each not in ignored]
     if traces:
         raise StudyError(

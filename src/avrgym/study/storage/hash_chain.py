@@ -1,12 +1,12 @@
-"""A hash chain over all rows of a study (table ``ledger``), which reveals changes by other programs.
+"""Hash chain over all rows of a study (table ``ledger``). It reveals changes by other programs.
 
-Each transaction appends an entry for every row that it wrote. An entry contains the checksum of the row, or none after
-its deletion. Its digest covers the digest of the entry before. Another program made a change if a row differs from its
-latest entry, if a row has no entry, if an entry has no row, or if the digests do not match. Rows contain a random salt:
-the checksum of a deleted row reveals nothing about it.
+Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row; for a deleted
+row, it contains none. The entry's digest covers the digest of the previous entry. Another program made a change if a
+row differs from its latest entry, if a row has no entry, if an entry has no row, or if the digests do not match. Rows
+contain a random salt. The checksum of a deleted row therefore reveals nothing about its contents.
 
-The chain has no secret: a program that recomputes all digests is detected only by an earlier head that is stored
-elsewhere.
+The chain has no secret. If another program recomputes all digests, only an earlier head that is stored elsewhere
+reveals this.
 """
 
 import hashlib
@@ -30,13 +30,13 @@ _WRITTEN = "rows that the transaction wrote"
 
 @dataclass(frozen=True)
 class Head:
-    """The last entry of a chain: its number and its digest."""
+    """Number and digest of the last entry in a hash chain."""
 
     number: int = 0
     digest: str = ""
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
-        """The head after another entry."""
+        """The head after one more entry."""
         return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
 
@@ -44,7 +44,7 @@ class Head:
 
 
 def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
-    """Insert a row within a transaction and return its key."""
+    """Insert a row within a transaction. Returns its primary key."""
     inserted = connection.execute(sa.insert(table).values(values)).inserted_primary_key
     assert inserted is not None
     _wrote(connection, table, inserted[0])
@@ -52,7 +52,7 @@ def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
 
 
 def update(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
-    """Change a row within a transaction."""
+    """Update a row within a transaction."""
     connection.execute(sa.update(table).where(primary_key(table) == key).values(values))
     _wrote(connection, table, key)
 
@@ -65,17 +65,17 @@ def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnEle
 
 
 def begin_transaction(connection: sa.Connection) -> None:
-    """Begin to collect the rows that a transaction writes."""
+    """Start to collect the rows that a transaction writes."""
     connection.info[_WRITTEN] = set()
 
 
 def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
-    """Table and key of each row that a transaction has written so far."""
+    """Table and primary key of each row that the transaction has written so far."""
     return frozenset(connection.info[_WRITTEN])
 
 
 def append_entries(connection: sa.Connection) -> Head | None:
-    """Append the entries of a transaction and return the new head; ``None`` if nothing was written."""
+    """Append the entries of a transaction. Returns the new head; ``None`` if nothing was written."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
@@ -93,14 +93,14 @@ def append_entries(connection: sa.Connection) -> Head | None:
 
 
 def head(connection: sa.Connection) -> Head:
-    """The last entry of the chain."""
+    """The last entry of the hash chain."""
     last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
     row = connection.execute(last).first()
     return Head(*row) if row else Head()
 
 
 def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
-    """Those of these heads that the chain does not contain."""
+    """The ``known`` heads that are missing in the hash chain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
     held = {number: digest for number, digest in connection.execute(later)} if known else {}
@@ -111,17 +111,20 @@ def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[He
 
 
 def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
-    """Faults of chain and rows, as pairs of place and message."""
+    """Errors of the hash chain and of rows, as pairs of place and message."""
     try:
         entries = _rows(connection, LEDGER)
     except (SQLAlchemyError, ValueError, TypeError) as error:
         yield LEDGER.name, f"cannot be read: {_reason(error)}"
         return
     if (broken := _first_break(entries)) is not None:
-        yield LEDGER.name, f"entry {broken} does not follow the one before it: one was changed or is missing"
+        yield (
+            LEDGER.name,
+            f"entry {broken} does not follow the previous entry: an entry was changed or is missing",
+        )
     for key, times in Counter(entry["key"] for entry in entries if entry["table"] == LOG.name).items():
         if times > 1:
-            yield f"{LOG.name} {key}", "was changed or deleted: entries of the log are only added"
+            yield f"{LOG.name} {key}", "was changed or deleted; entries of the log must not change"
     latest = {(entry["table"], entry["key"]): entry["content"] for entry in entries}
     for name, table in TABLES.items():
         expected = {
@@ -131,7 +134,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
 
 
 def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
-    """Keys of a table's unchanged rows; empty if the chain cannot be read."""
+    """Primary keys of a table's unchanged rows; empty if the hash chain cannot be read."""
     try:
         entries = _rows(connection, LEDGER)
         found = _contents(connection, table)
@@ -142,7 +145,7 @@ def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
 
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:
-    """The number of the first entry that does not match the entries before it."""
+    """Number of the first entry that does not match the entries before it; ``None`` if all match."""
     before = Head()
     for entry in entries:
         after = before.after(entry["table"], entry["key"], entry["content"])
@@ -170,15 +173,15 @@ def _faults_of(
 
 
 def primary_key(table: sa.Table) -> sa.Column[int]:
-    """A table's primary key, an integer."""
+    """The primary key column of a table."""
     (key,) = table.primary_key.columns
     return key
 
 
 def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
-    """Checksums of a table's rows by key, all or those with these keys.
+    """Checksums of a table's rows by primary key; with ``keys``, only of these rows.
 
-    Columns without a value are ignored: a later version may add columns.
+    Columns without a value are ignored, because a later version may add columns.
     """
     name = primary_key(table).name
     return {
@@ -190,7 +193,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
-    """A table's rows by column. After an error the transaction can still be used."""
+    """The rows of a table. The transaction can be used after an error."""
     query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
         query = query.where(primary_key(table).in_(keys))
@@ -203,7 +206,7 @@ def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:
 
 
 def json_sha256(value: Any) -> str:
-    """The SHA-256 of a value as compact JSON with sorted keys, in hexadecimal."""
+    """SHA-256 (hexadecimal) of a value as compact JSON with sorted keys."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 

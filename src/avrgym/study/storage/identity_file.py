@@ -1,8 +1,8 @@
-"""The identity file: the only file with names of participants. Each name is encrypted separately.
+"""The identity file: the only file with names of participants. Each entry is encrypted separately.
 
-``private/identities.json`` is in a folder that only its owner may open. The key is stored elsewhere, see
-``identity_keys``. Encryption is AES-256 in Galois/Counter Mode with a new nonce for each entry, and each entry is bound
-to its pseudonym. Pseudonyms are not encrypted, so an entry can be removed without the key. Writers lock the database.
+``private/identities.json`` is in a folder that only its owner can open. The key is stored elsewhere, see
+``identity_keys``. The cipher is AES-256-GCM with a new nonce for each entry; each entry is bound to its pseudonym.
+Pseudonyms are not encrypted: an entry can be removed without the key. Writers must hold the database lock.
 """
 
 import os
@@ -37,7 +37,7 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The contents of the file. ``check`` is the encrypted ``format``: only the right key can decrypt it."""
+    """Contents of the identity file. ``check`` is the encrypted ``format``; only the correct key can decrypt it."""
 
     format: str
     key_source: KeySource = msgspec.field(name="lock")
@@ -46,7 +46,7 @@ class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_encrypted(path: Path) -> IdentityFile:
-    """Read the encrypted file without decrypting it; ``StudyError`` for a damaged file."""
+    """Read the encrypted file without decryption. Raises ``StudyError`` if it is damaged."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
@@ -57,12 +57,12 @@ def read_encrypted(path: Path) -> IdentityFile:
 
 
 def to_bytes(file: IdentityFile) -> bytes:
-    """The file as bytes."""
+    """Encode the file's contents as bytes."""
     return msgspec.json.format(msgspec.json.encode(file))
 
 
 def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
-    """A new encrypted file; a missing key file is created."""
+    """Encrypt identities as a new file. A missing key file is created."""
     key = load_key(folder, key_source, create=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
     file = IdentityFile(FORMAT, key_source, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
@@ -71,18 +71,18 @@ def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identi
 
 
 def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
-    """All entries by pseudonym.
+    """Decrypt all entries. Returns identities by pseudonym.
 
     Raises:
-        KeyUnavailable: when the key is missing or wrong.
-        StudyError: for a changed entry.
+        KeyUnavailable: if the key is missing or wrong.
+        StudyError: if an entry was changed.
     """
     key = _checked(folder, file)
     return {pseudonym: _decrypt(key, pseudonym, data) for pseudonym, data in file.entries.items()}
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """The file with an added or replaced entry; raises the errors of ``decrypt``."""
+    """The file with an added or replaced entry. Raises the errors of ``decrypt``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -90,13 +90,13 @@ def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Ident
 
 
 def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
-    """The file without an entry. This needs no key."""
+    """The file without an entry. No key is needed."""
     entries = {name: data for name, data in file.entries.items() if name != pseudonym}
     return msgspec.structs.replace(file, entries=entries)
 
 
 def _checked(folder: Path, file: IdentityFile) -> bytes:
-    """Load the key and check that it is the right one."""
+    """Load the key and check that it is correct."""
     key = load_key(folder, file.key_source)
     try:
         _decrypt_bytes(key, FORMAT, file.check)
@@ -140,25 +140,25 @@ _NEW = f"{FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
-    """The path of the identity file; the unencrypted one if there is no other."""
+    """Path of the identity file: of the encrypted file, or of the unencrypted one if only that exists."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
 
 
 def plain_path(folder: Path) -> Path | None:
-    """The path of the unencrypted identity file, if there is one."""
+    """Path of the unencrypted identity file; ``None`` if it does not exist."""
     path = folder / FOLDER / PLAIN
     return path if path.exists() else None
 
 
 def key_source(folder: Path) -> KeySource | None:
-    """The key source of the encrypted identity file, if there is one."""
+    """Key source of the encrypted identity file; ``None`` without such a file."""
     path = folder / FOLDER / FILE
     return read_encrypted(path).key_source if path.exists() else None
 
 
 def named_pseudonyms(folder: Path) -> set[str]:
-    """The pseudonyms with an entry. This needs no key. ``StudyError`` for a damaged file."""
+    """Pseudonyms that have an entry. No key is needed. Raises ``StudyError`` if the file is damaged."""
     path = identity_path(folder)
     if not path.exists():
         return set()
@@ -166,11 +166,11 @@ def named_pseudonyms(folder: Path) -> set[str]:
 
 
 def read_identities(folder: Path) -> dict[str, Identity]:
-    """All entries by pseudonym.
+    """Read all identities, by pseudonym.
 
     Raises:
-        KeyUnavailable: when the key is missing or wrong.
-        StudyError: for a damaged file.
+        KeyUnavailable: if the key is missing or wrong.
+        StudyError: if the file is damaged.
     """
     path = identity_path(folder)
     if not path.exists():
@@ -179,7 +179,7 @@ def read_identities(folder: Path) -> dict[str, Identity]:
 
 
 def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or replace an entry; raises the errors of ``read_identities``. Unencrypted files stay unencrypted."""
+    """Add or replace an entry. Raises the errors of ``read_identities``. An unencrypted file is not encrypted."""
     create_if_missing(folder)
     path = identity_path(folder)
     if path.name == PLAIN:
@@ -189,10 +189,10 @@ def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
 
 
 def create_if_missing(folder: Path) -> None:
-    """Create an empty identity file if there is none, with a passphrase if one is known, else with a key file.
+    """Create an empty identity file if there is none, with a known passphrase or else with a key file.
 
     Raises:
-        StudyError: when the key cannot be created.
+        StudyError: if the key cannot be created.
     """
     if not identity_path(folder).exists():
         key_source = new_key_source(
@@ -202,7 +202,7 @@ def create_if_missing(folder: Path) -> None:
 
 
 def remove_entry(folder: Path, pseudonym: str) -> None:
-    """Remove an entry and all temporary files that may contain it. This needs no key."""
+    """Remove an entry, and all temporary files that may contain it. No key is needed."""
     remove_unfinished(folder)
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
@@ -213,27 +213,27 @@ def remove_entry(folder: Path, pseudonym: str) -> None:
 
 
 def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
-    """Encrypt the names with a new key. The unencrypted file is removed after the encrypted one was read back.
+    """Encrypt the names with a new key. The unencrypted file is removed after the encrypted file was verified.
 
     Args:
-        folder: the study's.
-        key_source: the source of the new key.
-        present: the entries as ``read_identities`` returns them with the present key.
+        folder: the study's folder.
+        key_source: source of the new key.
+        present: the current entries, as ``read_identities`` returns them.
 
     Raises:
-        StudyError: when only the unencrypted file contains an entry, or reading back fails.
+        StudyError: if only the unencrypted file contains an entry, or if verification fails.
     """
     plain = plain_path(folder)
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find out why and remove it. Nothing was "
+            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find the cause and remove it. Nothing was "
             "changed"
         )
     _write(folder, _NEW, to_bytes(encrypt(folder, key_source, present)))
     new = folder / FOLDER / _NEW
     if decrypt(folder, read_encrypted(new)) != present:
-        raise StudyError(f"{new} could not be read back. Nothing was changed")
+        raise StudyError(f"{new} could not be verified. Nothing was changed")
     os.replace(new, folder / FOLDER / FILE)
     if plain:
         remove_unfinished(folder)
@@ -260,7 +260,7 @@ def _write(folder: Path, name: str, data: bytes) -> None:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Temporary identity files of processes that were killed while they wrote. The caller holds the database's lock."""
+    """Temporary identity files of killed processes. The caller must hold the database lock."""
     names = (PLAIN, FILE, _NEW)
     parts = (path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
     return sorted([*parts, *(folder / FOLDER).glob(_NEW)])

@@ -1,7 +1,7 @@
-"""The key that encrypts a study's names: from a passphrase, or from a key file outside the study.
+"""The key that encrypts a study's names. Its source is a passphrase, or a key file outside the study.
 
-By default the key file is in the user's data folder. A server reads the passphrase or the path of the key file from an
-environment variable. If the key is lost, the names are lost, but no other data.
+By default, the key file is in the user's data folder. For servers, an environment variable contains the passphrase or
+the path of the key file. If the key is lost, the names are lost, but no other data.
 """
 
 import os
@@ -19,20 +19,20 @@ from avrgym.system.files import make_private_folder, user_data_folder, write_new
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Names of environment variables."""
 MIN_PASSPHRASE_LENGTH = 8
-"""Minimum length of a passphrase."""
+"""Minimum number of characters of a passphrase."""
 SCRYPT_COST = 1 << 17
-"""Scrypt's cost parameter n for new passphrases: 128 MB and about 0.5 s for each guess."""
+"""Cost parameter n of scrypt for new passphrases: 128 MB of memory and about 0.5 s for each attempt."""
 _MAX_COST = 1 << 20
 _KEY_BYTES = 32
 _given: dict[Path, str] = {}
 
 
 class KeyUnavailable(StudyError):
-    """The key of the names is missing or wrong; nothing was changed."""
+    """The key of the names is missing or wrong. Nothing was changed."""
 
 
 class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The source of an identity file's key. ``salt`` (hexadecimal) is also the name of a key file."""
+    """Source of an identity file's key. ``salt`` (hexadecimal) is also the name of a key file."""
 
     kind: Literal["passphrase", "file"]
     salt: str
@@ -40,33 +40,33 @@ class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def new_key_source(*, passphrase: bool) -> KeySource:
-    """A key source with a new salt."""
+    """A new key source with a random salt."""
     return KeySource(
         "passphrase" if passphrase else "file", os.urandom(16).hex(), SCRYPT_COST if passphrase else 0
     )
 
 
 def set_passphrase(folder: Path, passphrase: str) -> None:
-    """Store the passphrase of the study in a folder until this process ends."""
+    """Set the passphrase of the study in a folder for this process."""
     _given[folder.resolve()] = passphrase
 
 
 def known_passphrase(folder: Path) -> str | None:
-    """The passphrase of the study in a folder, if this process has it."""
+    """Passphrase of the study in a folder; ``None`` if this process does not have it."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
 def check_passphrase(passphrase: str) -> None:
-    """Raise ``StudyError`` for a passphrase that is too short."""
+    """Raise ``StudyError`` if the passphrase is too short."""
     if len(passphrase) < MIN_PASSPHRASE_LENGTH:
         raise StudyError(f"the passphrase is too short; allowed: at least {MIN_PASSPHRASE_LENGTH} characters")
 
 
 def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
-    """The key of a source; ``create`` creates a missing key file.
+    """Load the key. With ``create``, a missing key file is created.
 
     Raises:
-        KeyUnavailable: when the passphrase or the key file is missing.
+        KeyUnavailable: if the passphrase or the key file is missing.
     """
     if source.kind == "file":
         return _from_file(folder, key_path(source), create=create)
@@ -89,7 +89,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
 
 
 def key_path(source: KeySource) -> Path:
-    """The path of a key file."""
+    """Path of the key file of a key source."""
     named = os.environ.get(KEY_FILE)
     return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
 
@@ -106,8 +106,8 @@ def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
         raise KeyUnavailable(
-            f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a copy, or name it in "
-            f"{KEY_FILE}. Nothing was changed. Without it the names are lost, but no other data"
+            f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a backup, or set "
+            f"{KEY_FILE} to its path. Nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:
         key = b""

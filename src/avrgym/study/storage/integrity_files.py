@@ -1,12 +1,12 @@
-"""Files next to the database that reveal changes by other programs and replacement by an older copy.
+"""Integrity files of the database. They reveal changes by other programs, and replacement by an older copy.
 
 ``study.head`` contains heads of the hash chain: a line with number and digest for each transaction since the database
-was last closed. A head is written after its transaction is on disk. A chain that lacks one of these heads was replaced
-by an older copy.
+was last closed. A head is written after its transaction is on disk. If the chain lacks one of these heads, an older
+copy replaced the database.
 
-``study.db.sha256`` is the checksum of SQLite's file in the format of ``sha256sum``. It exists only while nobody writes:
-it is removed before each write and written again when the writer closes. If a writer finds a different checksum, the
-file becomes ``study.db.sha256.mismatch`` until somebody has found the cause.
+``study.db.sha256`` contains the checksum of SQLite's file in the format of ``sha256sum``. It exists only while no
+process writes: it is removed before each write, and written when the writer closes the database. If a writer finds
+another checksum, it renames the file to ``study.db.sha256.mismatch``. The user must find the cause and remove it.
 """
 
 import os
@@ -25,12 +25,14 @@ _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
 
 class IntegrityFileError(ValueError):
-    """A damaged file next to the database."""
+    """An integrity file is damaged."""
 
 
 class IntegrityFiles:
-    """The files next to the database. Callers hold the database's write lock, except for ``append_head`` and
-    ``read_heads``."""
+    """Read and write the integrity files.
+
+    Callers must hold the database's write lock, except for reading and ``note``.
+    """
 
     def __init__(self, folder: Path, database: str) -> None:
         self._folder, self._database = folder, database
@@ -38,7 +40,10 @@ class IntegrityFiles:
 
     @property
     def checksum(self) -> str | None:
-        """The stored checksum of the database's file, if there is one; ``IntegrityFileError`` for a damaged file."""
+        """The stored checksum of the database; ``None`` without one.
+
+        Raises ``IntegrityFileError`` if the file is damaged.
+        """
         path = self._folder / CHECKSUM
         if not path.exists():
             return None
@@ -48,12 +53,12 @@ class IntegrityFiles:
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
-        """Store the checksum of the database's file."""
+        """Store the checksum of the database."""
         data = f"{checksum}  {self._database}\n".encode()
         write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
 
     def remove_checksum(self, actual: Callable[[], str]) -> None:
-        """Remove the checksum before a write, or rename it if the file has a different one."""
+        """Remove the checksum before a write. If the database has another checksum, rename the file instead."""
         path = self._folder / CHECKSUM
         if not path.exists():
             return
@@ -71,11 +76,11 @@ class IntegrityFiles:
 
     @property
     def mismatch(self) -> bool:
-        """Whether a writer found that another program had changed the file."""
+        """Whether a writer detected that another program had changed the database."""
         return (self._folder / MISMATCH).exists()
 
     def note(self, head: Head) -> None:
-        """Append the head after a transaction. Errors are ignored: the transaction is complete without it."""
+        """Append the head after a transaction. Errors are ignored, because the transaction is complete."""
         with suppress(OSError, IntegrityFileError):
             if not self._noted:
                 self._cut_unfinished_line()
@@ -90,7 +95,10 @@ class IntegrityFiles:
             self.set_heads(self.heads() or ())
 
     def heads(self) -> list[Head] | None:
-        """The stored heads, if any; ``IntegrityFileError`` for a damaged file. A crash may cut the last line."""
+        """The stored heads; ``None`` without any. A last line that a crash truncated is ignored.
+
+        Raises ``IntegrityFileError`` if the file is damaged.
+        """
         path = self._folder / HEAD
         if not path.exists():
             return None
@@ -106,7 +114,7 @@ class IntegrityFiles:
         write_atomically(self._folder / HEAD, data, mode=PRIVATE_FILE)
 
     def remove(self) -> None:
-        """Remove all files about a lost database."""
+        """Remove all integrity files of a lost database."""
         for name in (HEAD, CHECKSUM, MISMATCH):
             (self._folder / name).unlink(missing_ok=True)
 
@@ -120,7 +128,7 @@ def _text(path: Path) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Flush the removal of a file to disk, if the system can."""
+    """Flush the removal of a file to disk, if the system supports it."""
     with suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:

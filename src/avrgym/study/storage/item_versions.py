@@ -1,8 +1,8 @@
-"""Versions of questionnaire items, and the version that each answer belongs to.
+"""Versions of questionnaire items, and the version to which each answer belongs.
 
-Two items are the same version if their words, scale and end labels are the same, also in translation. A changed item is
-``L1 (version 2)`` in tables, tests and figures: answers to different versions are never pooled. A validated
-questionnaire changes as a whole, and its versions have separate scores.
+Two items are the same version if their text, scale and end labels are the same in all languages. A changed item has the
+name ``L1 (version 2)`` in tables, tests and figures: answers to different versions are never pooled. If an item of a
+validated questionnaire changes, all its items become a new version with separate scores.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -34,8 +34,8 @@ Items = tuple[Item, ...]
 class ItemVersion:
     """A version of an item.
 
-    ``item`` has the name of the version, ``base_name`` is the name in the design, ``number`` counts versions from 1.
-    ``texts`` are its texts by language, ``answer_counts`` the numbers of answers by participant.
+    ``item``: the item with the name of this version. ``base_name``: its name in the design. ``number``: number of the
+    version, from 1. ``texts``: its texts by language. ``answer_counts``: number of answers by participant.
     """
 
     item: Item
@@ -48,14 +48,14 @@ class ItemVersion:
 
 @dataclass(frozen=True)
 class Form:
-    """The versions of items that a participant read, by names in the design."""
+    """The item versions that a participant read, by name in the design."""
 
     versions: Mapping[str, ItemVersion]
 
 
 @dataclass(frozen=True)
 class _QuestionnaireVersion:
-    """A version of a validated questionnaire. Its items change together; other questionnaires have one version."""
+    """A version of a questionnaire. Only validated questionnaires have more than one."""
 
     content: Any
     texts: dict[str, Items] = field(default_factory=dict[str, Items])
@@ -75,7 +75,7 @@ class ItemCatalogue:
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
-        """The items of a design in a language."""
+        """The item versions of a design in a language. New versions are added."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
@@ -91,7 +91,7 @@ class ItemCatalogue:
     def version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
     ) -> ItemVersion:
-        """The version of an item; a new version if the item or its text in this language is new."""
+        """The version of an item. If the item or its text in this language is new, a version is added."""
         versions = self._versions.setdefault(item.id, [])
         for known, known_number, version in versions:
             if (known, known_number) == (item, questionnaire_number) and version.texts.setdefault(
@@ -105,7 +105,7 @@ class ItemCatalogue:
         return version
 
     def add(self, questionnaire: Questionnaire) -> None:
-        """Add a questionnaire, or add its items and moments to the existing one."""
+        """Add a questionnaire. If it exists, add new items and moments to it."""
         known = self.questionnaires.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
@@ -114,7 +114,7 @@ class ItemCatalogue:
         self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
     def _questionnaire_number(self, questionnaire: Questionnaire, language: str, words: Items) -> int:
-        """The number of a questionnaire among those with its name, from 1."""
+        """Version number of a questionnaire, from 1."""
         content = (
             [questionnaire.use, questionnaire.weights, questionnaire.items] if questionnaire.use else None
         )
@@ -129,17 +129,17 @@ class ItemCatalogue:
 
 
 def version_name(name: str, version: int) -> str:
-    """The name of a version; the first version has the name of its item in the design."""
+    """Name of a version. The first version has the name in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 
 def base_name(name: str) -> str:
-    """The name in the design of a version of an item or questionnaire."""
+    """Name in the design of an item version or questionnaire version."""
     return name.partition(" (version ")[0]
 
 
 def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
-    """A design with all versions of items that participants read, in the order of the design."""
+    """The design with all item versions that participants read, in the design's order."""
     versions = {version.item.id: version for version in catalogue.versions}
     answered = {version.base_name for version in versions.values()}
     combined = ItemCatalogue()
@@ -176,12 +176,12 @@ def _places(design: Design) -> dict[str, int]:
 
 
 NOT_STORED = "unknown"
-"""The questionnaire of items without a stored text."""
+"""Name of the questionnaire of items without a stored text."""
 UNKNOWN = "(neither the database nor a recording contains its text)"
 
 
 class AnsweredItems:
-    """The version of the item of each answer, of all participants or some."""
+    """The item version of each answer, for all participants or for some."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
@@ -200,16 +200,16 @@ class AnsweredItems:
 
     @property
     def design(self) -> Design:
-        """The study's design with the items that participants answered."""
+        """The study's design with all answered item versions."""
         return design_with_versions(self._store.design, self._catalogue)
 
     @property
     def versions(self) -> list[ItemVersion]:
-        """All versions of all items that participants answered, ordered by item."""
+        """All answered item versions, ordered by item."""
         return self._catalogue.versions
 
     def contains(self, answer: GivenAnswer) -> bool:
-        """Whether an answer existed when this object was created."""
+        """Whether the answer existed when this object was created."""
         return answer.id in self._of_answers
 
     def item(self, answer: GivenAnswer) -> Item:
@@ -217,15 +217,15 @@ class AnsweredItems:
         return self._of_answers[answer.id].item
 
     def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
-        """The questionnaire of an answer's item."""
+        """The questionnaire that contains the answer's item."""
         return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
 
     def value(self, answer: GivenAnswer) -> int:
-        """The value of an answer on the scale of its item."""
+        """The value of an answer on its item's scale."""
         return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
     def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
-        """The items of a design for a participant."""
+        """The item versions of a design for a participant."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
@@ -242,7 +242,7 @@ class AnsweredItems:
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
-        """The item of an answer without a stored text."""
+        """An item version for an answer without a stored text."""
         item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
         when = "after_trial" if answer.attempt is not None else "after_session"
@@ -251,7 +251,7 @@ class AnsweredItems:
 
 
 class _ParticipantItems:
-    """Finds the item of each answer of a participant: in the database, else in the trial's recording."""
+    """Find the item of each answer of a participant, in the database or else in the trial's recording."""
 
     def __init__(
         self,
@@ -270,7 +270,7 @@ class _ParticipantItems:
         self._by_attempt: dict[int | None, Form] = {}
 
     def form(self, answer: GivenAnswer) -> Form:
-        """The items that the participant read when an answer was given."""
+        """The item versions that the participant read at the time of an answer."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]
         return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)
@@ -284,13 +284,13 @@ class _ParticipantItems:
     def _of_attempt(self, attempt: int | None) -> Form:
         if attempt not in self._by_attempt:
             design = self._store.design
-            with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
+            with suppress(OSError, RecordingError, StudyError, KeyError):  # another check reports it
                 design = self._recorded(self._attempts[attempt or 0])
             self._by_attempt[attempt] = self._answered_items.form(self._participant, design, None)
         return self._by_attempt[attempt]
 
     def _recorded(self, attempt: TrialAttempt) -> Design:
-        """The present design with what the recording of an attempt reports."""
+        """The current design, with the fields that the attempt's recording contains."""
         design = self._store.design
         translate = translator(self._store, self._participant.language or design.languages[0], None)
         configuration = read_header(self._store.path(attempt.recording)).configuration

@@ -1,9 +1,9 @@
-"""The participation list: a signed file next to the database with every change of a participant's state.
+"""The participation list: a signed file next to the database, with every change of a participant's state.
 
-``participation.jsonl`` survives the loss of the database, so withdrawals, exclusions and deletions are never forgotten.
-An entry is written before its transaction is committed: a crash between the two loses no withdrawal. The digest of each
-entry covers the entry before, and the user's key signs it. For a deleted participant the contents of the entries are
-erased; their checksums and the chain stay.
+``participation.jsonl`` survives the loss of the database, so withdrawals, exclusions and deletions are not lost. An
+entry is written before its transaction is committed: a crash between the two loses no withdrawal. The digest of each
+entry covers the previous entry, and the user's key signs it (hash chain). After the deletion of a participant, the
+contents of the participant's entries are erased, but not their checksums and digests.
 """
 
 import os
@@ -24,16 +24,16 @@ from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
 FILE = "participation.jsonl"
 INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
-"""Names of replaced invalid lists; ``unsound`` is the suffix of earlier versions."""
+"""File names of renamed invalid lists; earlier versions used the suffix ``unsound``."""
 DELETED = "deleted"
-"""The state in the list of a deleted participant."""
+"""State of a deleted participant in the list."""
 FINAL = ("withdrawn", "excluded", DELETED)
-"""Final states, which the list restores in a database that lacks them."""
+"""Final states. If the database lacks such a state, it is restored from the list."""
 LIST_BEGUN, COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
-"""Event: the database was rebuilt from the recordings after a loss.
+"""Name of the event that a lost database was rebuilt from the recordings.
 
-Entries without a participant contain one of these three events.
+An entry without a participant contains one of these three events.
 """
 
 Content = Mapping[str, Any]
@@ -53,14 +53,17 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Participation:
-    """The entries of a list. ``fault`` is the reason why the list is invalid, such as "is empty"."""
+    """Contents of a participation list.
+
+    ``fault``: the reason why it is invalid, such as "is empty"; empty for a valid list.
+    """
 
     entries: tuple[Entry, ...]
     fault: str = ""
 
     @cached_property
     def latest(self) -> Mapping[int, Content]:
-        """The latest content about each participant."""
+        """Latest content about each participant, by number."""
         return {each.participant: each.content for each in self.entries if each.participant and each.content}
 
     @cached_property
@@ -70,30 +73,30 @@ class Participation:
 
     @property
     def chain_ids(self) -> set[str | None]:
-        """Identifiers (first digests) of the hash chains that the list has belonged to."""
+        """Ids (first digests) of all hash chains to which the list has belonged."""
         return {each.get("ledger") for each in self.without_participant}
 
     @property
     def chain_id(self) -> str | None:
-        """The identifier of the hash chain that the list belongs to."""
+        """Id of the hash chain to which the list belongs; ``None`` if unknown."""
         return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
 
     @property
     def begun_at(self) -> str:
-        """The time of the first entry."""
+        """Time of the first entry."""
         return self.without_participant[0]["at"]
 
     @property
     def list_digest(self) -> str:
-        """The digest of the first entry, which identifies the list."""
+        """Id of the list: the digest of its first entry."""
         return self.entries[0].digest
 
     def rebuilds(self) -> list[Content]:
-        """Contents of the entries about rebuilds of the database."""
+        """Contents of all entries about rebuilds of the database."""
         return [each for each in self.without_participant if each["event"] == REBUILT]
 
     def consents(self, participant: int) -> list[RecordedConsent]:
-        """The consents of a participant: time and consent text."""
+        """All consents of a participant."""
         own = [each.content for each in self.entries if each.participant == participant and each.content]
         return [
             RecordedConsent(
@@ -107,7 +110,7 @@ class Participation:
         ]
 
     def is_signed_by_user(self) -> bool:
-        """Whether the last entry, which covers all others, is signed with this user's key."""
+        """Whether this user's key signed the last entry, whose digest covers all others."""
         own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
@@ -117,7 +120,7 @@ class Participation:
 
 
 class ParticipationList:
-    """The list in a study's folder. Writers hold the database's write lock."""
+    """The participation list in a study's folder. Writers must hold the database's write lock."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -125,11 +128,11 @@ class ParticipationList:
 
     @property
     def path(self) -> Path:
-        """The path of the file."""
+        """Path of the file."""
         return self._folder / FILE
 
     def read(self) -> Participation | None:
-        """The entries of the list; ``None`` if there is no list."""
+        """Read the list; ``None`` if the file does not exist."""
         try:
             version = self._version()
         except FileNotFoundError:
@@ -139,7 +142,7 @@ class ParticipationList:
         return self._known[1]
 
     def append(self, contents: Sequence[tuple[int | None, Content]]) -> None:
-        """Append entries and flush them to disk; ``OSError`` if that fails."""
+        """Append entries and sync them to disk. Raises ``OSError`` if this fails."""
         before = self.read() or Participation(())
         entries = [*before.entries]
         for participant, content in contents:
@@ -159,7 +162,7 @@ class ParticipationList:
         signing.store_last_entry(self._folder, after.list_digest, entries[-1].digest)
 
     def store_last_entry(self) -> None:
-        """Store the list's last entry in the user's data folder, unless an entry of this list is stored."""
+        """Store the list's last entry in the user's data folder if no entry of this list is stored there."""
         known, end = self.read(), signing.last_entry(self._folder)
         if known is None or known.fault or not known.is_signed_by_user():
             return
@@ -167,7 +170,10 @@ class ParticipationList:
             signing.store_last_entry(self._folder, known.list_digest, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
-        """Erase the contents of all entries about a participant except the last; the chain stays."""
+        """Erase the contents of all entries about a participant except the last.
+
+        Checksums and digests are not changed.
+        """
         known = self.read()
         self._remove_unfinished()
         for path in self.invalid_copies():
@@ -184,12 +190,12 @@ class ParticipationList:
             write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
 
     def rename_invalid(self) -> None:
-        """Rename an invalid list; the next entry begins a new list."""
+        """Rename an invalid list. The next entry starts a new list."""
         numbers = [_copy_number(path) for path in self.invalid_copies()]
         os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 
     def invalid_copies(self) -> list[Path]:
-        """Renamed invalid lists."""
+        """Paths of renamed invalid lists."""
         return sorted(path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY.fullmatch(path.name))
 
     def _version(self) -> object:
@@ -210,12 +216,12 @@ class ParticipationList:
 
 
 def content_of(state: str, at: str, **values: Any) -> Content:
-    """The content of an entry about a participant, without values that are ``None``."""
+    """Content of an entry about a participant. Values that are ``None`` are omitted."""
     return {"state": state, "at": at} | {name: value for name, value in values.items() if value is not None}
 
 
 def has_same_content(content: Content, other: Content | None) -> bool:
-    """Whether two contents are equal except for time and salt."""
+    """Whether two contents are equal, apart from time and salt."""
     return other is not None and _without_time(content) == _without_time(other)
 
 
@@ -247,7 +253,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def _parsed(data: bytes) -> Participation:
-    """The entries up to the first damaged one; an unfinished last line is ignored."""
+    """Parse the entries up to the first damaged one. An unfinished last line is ignored."""
     entries: list[Entry] = []
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
@@ -263,7 +269,7 @@ def _faults(entries: Sequence[Entry]) -> Iterator[str]:
     before = ""
     for number, each in enumerate(entries, start=1):
         if each.digest != _digest(before, number, each.participant, each.sha256) or each.number != number:
-            yield f"was changed: entry {number} does not match the one before it"
+            yield f"was changed: entry {number} does not match the previous entry"
         before = each.digest
     deleted = {each.participant for each in entries if each.content and each.content.get("state") == DELETED}
     for each in entries:

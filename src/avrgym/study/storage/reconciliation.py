@@ -1,7 +1,7 @@
-"""Keeps the participation list and the database consistent.
+"""Keep the participation list and the database consistent.
 
-Each transaction appends its changes to the list. When a study is opened, missing entries are appended. If the database
-was replaced by an older copy, it gets the withdrawals, exclusions and deletions that only the list contains.
+Each transaction appends its changes to the list. When a study is opened, missing entries are appended to the list. If
+an older copy replaced the database, withdrawals, exclusions and deletions are restored from the list.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -26,9 +26,9 @@ from avrgym.study.storage.participation import (
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
 STATE_RESTORED = "participation restored"
-"""Event: a final state that the database lacked was restored from the participation list."""
+"""Name of the event that a final state was restored from the participation list."""
 STUDY_SET_BACK = "participation list set back"
-"""Event: the study is an older copy than the one that this computer has seen last."""
+"""Name of the event that the study is older than the last copy that this computer has opened."""
 _COLUMNS = (
     "simulated",
     "site",
@@ -42,13 +42,13 @@ _COLUMNS = (
     "consent_version",
     "consent_sha256",
 )
-"""Fields of a participant in the list in addition to the state."""
+"""A participant's fields in the list, in addition to the state."""
 
 Contents = Mapping[int, Content]
 
 
 def participant_values(content: Content) -> dict[str, Any]:
-    """The values of a participant's row in the list, without the state."""
+    """The values of a participant's row that the list contains, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
 
@@ -58,7 +58,7 @@ def participant_values(content: Content) -> dict[str, Any]:
 def append_transaction(
     known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]
 ) -> None:
-    """Append the changes of a transaction to the list, before the commit."""
+    """Append the changes of a transaction to the list. Must be called before the commit."""
     numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
     events = {key for name, key in written if name == EVENT.name}
     rebuilt = list(_rebuilds(connection, events)) if events else []
@@ -77,7 +77,7 @@ def append_transaction(
 def _begin(
     known: ParticipationList, connection: sa.Connection, detail: str, enrolled: Collection[int] = ()
 ) -> None:
-    """Begin a list with all participants of the database; ``enrolled`` are those of the present transaction."""
+    """Start a list with all participants of the database. ``enrolled``: participants enrolled in this transaction."""
     everybody = _contents(connection)
     is_first = everybody.keys() <= {*enrolled}
     times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
@@ -98,7 +98,7 @@ def _append(
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Whether a content differs from the latest one and may replace it; final states are never replaced."""
+    """Whether a content differs from the latest one and may replace it. Final states are never replaced."""
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL and content["state"] not in FINAL:
         return False
@@ -112,7 +112,7 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """Contents of entries about participants and deleted participants with these numbers."""
+    """Contents of entries about participants and deleted participants; with numbers, only about these."""
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
     found = {
@@ -138,7 +138,7 @@ def _without_participant(connection: sa.Connection, event: str, at: str, detail:
 
 
 def chain_id(connection: sa.Connection) -> str | None:
-    """The first digest of the hash chain, which identifies a database."""
+    """Id of the database's hash chain: its first digest; ``None`` for an empty chain."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
 
@@ -156,11 +156,11 @@ def _all(
 
 @dataclass(frozen=True)
 class Differences:
-    """Differences between list and database when a study is opened.
+    """Differences between participation list and database when a study is opened.
 
-    ``begin``: a new list is necessary, for this reason. ``restored``: final states by number that the database lacks.
+    ``begin``: the reason to start a new list, if any. ``restored``: final states that the database lacks, by number.
     ``missing``: contents that the list lacks. ``set_back``: this computer has stored later entries. ``is_unsigned``:
-    the list matches the database, and this user has not signed it.
+    the list matches the database, but this user has not signed it.
     """
 
     begin: str | None = None
@@ -199,19 +199,19 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
         )
         return Differences(restored=restored, missing=missing, set_back=set_back)
     if restored or missing:
-        return Differences(begin="replaces a list that another user's key signed, and that differs")
+        return Differences(begin="replaces a different list that another user's key signed")
     return Differences(is_unsigned=signing.user_key() is not None)
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
-    """Whether the database lacks a final state. Without a row, only a deletion is missing."""
+    """Whether the database lacks a final state. Without a row, only a deletion can be missing."""
     if found is None:
         return final["state"] == DELETED
     return found["state"] not in FINAL
 
 
 def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
-    """Make list and database consistent, in a write transaction."""
+    """Make list and database consistent, within a write transaction."""
     found = compare(known, connection)
     if found.begin is not None:
         if known.path.exists():
@@ -223,16 +223,16 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
     if before is not None:
         _append(known, before, found.missing)
     if found.set_back:
-        detail = "this computer knows a later state of this study; this copy is older"
+        detail = "this copy of the study is older than the last one on this computer"
         hash_chain.insert(connection, EVENT, at=now(), name=STUDY_SET_BACK, detail=detail)
     if found.set_back or found.is_unsigned:
         known.append([(None, _without_participant(connection, COMPARED, now(), ""))])
 
 
 def _restore(connection: sa.Connection, number: int, content: Content) -> None:
-    """Set the final state that only the list contains.
+    """Store a final state that only the list contains.
 
-    A deleted participant in an older copy of the database is withdrawn until they are deleted again.
+    In an older copy of the database, a deleted participant becomes withdrawn until they are deleted again.
     """
     rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
     if rows:

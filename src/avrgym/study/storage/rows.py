@@ -1,4 +1,4 @@
-"""The rows of a study's tables as dataclasses. Times are ISO 8601 in UTC."""
+"""Rows of a study's tables as dataclasses. Times are in ISO 8601, UTC."""
 
 import re
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ RECORDINGS = "recordings"
 
 
 def pseudonym_of(number: int) -> str:
-    """The participant identifier, such as ``sub-001``."""
+    """Pseudonym of a participant number, such as ``sub-001``."""
     return f"sub-{number:03}"
 
 
 def participant_number(pseudonym: str) -> int:
-    """The number in a pseudonym; ``StudyError`` for other text, such as a path."""
+    """Participant number of a pseudonym. Raises ``StudyError`` for other text, such as a path."""
     if re.fullmatch(r"sub-[0-9]{3,9}", pseudonym):
         number = int(pseudonym.removeprefix("sub-"))
         if number > 0 and pseudonym_of(number) == pseudonym:
@@ -31,9 +31,9 @@ def participant_number(pseudonym: str) -> int:
 
 @dataclass(frozen=True)
 class Participant:
-    """A participant. ``cell`` is the index of their trial order, ``inclusion`` contains answers by question.
+    """A participant. ``cell``: index of the order of trials. ``inclusion``: answers by question id.
 
-    ``language``: default is the first of the design. ``site_number`` is their number at the site of a merged study.
+    ``language``: default is the design's first language. ``site_number``: in a merged study, the number at the site.
     """
 
     number: int
@@ -57,12 +57,12 @@ class Participant:
         return pseudonym_of(self.number)
 
     def must_reconsent(self, version: str) -> bool:
-        """Whether the participant agreed to another version of the consent text and may still have sessions."""
+        """Whether the participant can have sessions, but accepted another version of the consent text."""
         return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
 
     @property
     def site_pseudonym(self) -> str | None:
-        """The pseudonym at their site, in a merged study."""
+        """Pseudonym at the participant's site; ``None`` if the study is not merged."""
         return None if self.site_number is None else pseudonym_of(self.site_number)
 
     def __str__(self) -> str:
@@ -71,7 +71,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StudySession:
-    """A session of a participant at a station, run by one process."""
+    """A participant's session at a station; one process runs it."""
 
     id: int
     participant: int
@@ -85,12 +85,12 @@ class StudySession:
 
     @property
     def headset(self) -> HeadsetCheck | None:
-        """Results of the latest check of the headset, if there was one."""
+        """Result of the session's latest headset check; ``None`` without a check."""
         return None if self.headset_check is None else msgspec.convert(self.headset_check, HeadsetCheck)
 
     @property
     def folder(self) -> str:
-        """The folder of its recordings, relative to the study's folder."""
+        """Folder of the session's recordings, relative to the study's folder."""
         return f"{RECORDINGS}/{pseudonym_of(self.participant)}/{self.name}"
 
     @property
@@ -103,7 +103,7 @@ class StudySession:
 
 @dataclass(frozen=True)
 class StoredDesign:
-    """The design at the beginning of a session, or, without a session, at the admission of a participant."""
+    """The design at the start of a session; without a session, at the admission of a participant."""
 
     id: int
     participant: int
@@ -115,7 +115,7 @@ class StoredDesign:
 
 @dataclass(frozen=True)
 class Trial:
-    """A planned trial; ``position`` counts a participant's trials from 1, practice included."""
+    """A planned trial. ``position``: number of the trial for this participant, from 1, practice trials included."""
 
     id: int
     participant: int
@@ -142,9 +142,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialAttempt:
-    """An attempt at a trial; ``recording`` is relative to the study's folder.
+    """An attempt at a trial. ``recording``: path relative to the study's folder.
 
-    ``torso_height_m`` is the torso height of the simulated body; ``None`` if only the recording contains it.
+    ``torso_height_m``: torso height of the simulated body; ``None`` if only the recording contains it.
     """
 
     id: int
@@ -164,7 +164,7 @@ class TrialAttempt:
 
 
 class GivenAnswer(Answer, frozen=True):
-    """An answer after a trial; without an attempt it is about the whole session."""
+    """A stored answer. ``attempt`` is ``None`` for an answer about a whole session."""
 
     id: int
     session: int
@@ -174,7 +174,7 @@ class GivenAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True)
 class StudyEvent:
-    """An event with the participant, session and attempt that it is about."""
+    """A stored event; participant, session and attempt are ``None`` if the event does not concern them."""
 
     id: int
     at: str
@@ -187,7 +187,7 @@ class StudyEvent:
 
 @dataclass(frozen=True)
 class Note:
-    """A note of the experimenter."""
+    """A note of an experimenter."""
 
     id: int
     at: str
@@ -198,7 +198,10 @@ class Note:
 
 @dataclass(frozen=True)
 class AdverseEvent:
-    """A report of an adverse event; ``follows`` is the id of the first report of the same event."""
+    """A report of an adverse event.
+
+    ``follows``: id of the first report of the same event; ``None`` in the first report.
+    """
 
     id: int
     recorded_at: str
@@ -217,7 +220,7 @@ class AdverseEvent:
 
 @dataclass(frozen=True)
 class ConsentText:
-    """A consent text in one language, stored ``at`` its first use."""
+    """A consent text in one language. ``at``: time of its first use."""
 
     id: int
     at: str
@@ -229,7 +232,7 @@ class ConsentText:
 
 @dataclass(frozen=True)
 class Consent:
-    """A participant's decision about a consent text; ``None`` in fields that an earlier version did not store."""
+    """A participant's decision about a consent text. Fields that an earlier version did not store are ``None``."""
 
     id: int
     at: str
@@ -242,7 +245,7 @@ class Consent:
 
 @dataclass(frozen=True)
 class ParticipantLink:
-    """The checksum of a participant's link to a session."""
+    """Checksum of a session link."""
 
     id: int
     session: int
@@ -252,7 +255,7 @@ class ParticipantLink:
 
 @dataclass(frozen=True)
 class Site:
-    """A study that this study was merged from, with the head of its hash chain at the latest merge."""
+    """A merged site: its study, and the head of its hash chain at the latest merge."""
 
     number: int
     name: str
@@ -262,7 +265,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Tombstone:
-    """A participant whose data were deleted."""
+    """A participant with deleted data."""
 
     number: int
     simulated: bool
@@ -271,7 +274,7 @@ class Tombstone:
 
 @dataclass(frozen=True)
 class Experimenter:
-    """An experimenter with a personal token; only its checksum is stored."""
+    """An experimenter with a personal token. Only the token's checksum is stored."""
 
     id: int
     name: str
@@ -282,9 +285,9 @@ class Experimenter:
 
 @dataclass(frozen=True)
 class LogEntry:
-    """An action or a view of a person; ``known_by`` is the means of identification.
+    """An action or view in the audit log. ``known_by``: how the person was identified.
 
-    For a view of results, ``completed`` of ``planned`` participants had completed the study at that time.
+    For a view of results, ``completed`` and ``planned`` are the numbers of participants at that time.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""The tables of a study. Times are ISO 8601 in UTC; a new database is created from them."""
+"""The tables of a study's database. A new database is created from them. Times are in ISO 8601, UTC."""
 
 from datetime import UTC, datetime
 from secrets import token_hex
@@ -27,12 +27,12 @@ METADATA = MetaData(
 
 
 def now() -> str:
-    """The present time in the stored format."""
+    """The current time in the stored format (ISO 8601, UTC)."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def new_salt() -> str:
-    """A random salt for a row. The checksum of a deleted row then reveals nothing about it."""
+    """A random salt for a row, so that the checksum of a deleted row reveals nothing about its contents."""
     return token_hex(16)
 
 
@@ -48,7 +48,7 @@ STUDY = Table(
     Column("protocol", JSON, nullable=False),
     _salt(),
 )
-"""One row: the fields of the design that must not change."""
+"""One row: the design fields that must not change."""
 
 PARTICIPANT = Table(
     "participant",
@@ -70,10 +70,10 @@ PARTICIPANT = Table(
     Column("functioning", JSON(none_as_null=True)),
     _salt(),
 )
-"""``functioning`` contains their answers about disability, diagnosis and assistive devices.
+"""``functioning``: answers about disability, diagnosis and assistive devices.
 
-``language`` is the language of the texts that they read. ``site`` is the site where they take part. ``site_number`` is
-their number at that site, only in a merged study.
+``language``: language of the texts. ``site``: the participant's site. ``site_number``: in a merged study, the number
+at that site.
 """
 
 SESSION = Table(
@@ -91,7 +91,7 @@ SESSION = Table(
     _salt(),
     UniqueConstraint("participant", "number"),
 )
-"""``headset_check``: the results of the latest check of the headset, as ``vr.headset_check`` has them."""
+"""``headset_check``: results of the latest headset check, in the format of ``vr.headset_check``."""
 
 DESIGN = Table(
     "design",
@@ -104,7 +104,7 @@ DESIGN = Table(
     Column("wordings", JSON, nullable=False),
     _salt(),
 )
-"""The design at the beginning of a session, or, without a session, at the admission of a participant.
+"""The design at the start of a session; without a session, at the admission of a participant.
 
 ``wordings`` contains the texts that participants read in each language, see ``design.fixed``.
 """
@@ -143,7 +143,7 @@ ATTEMPT = Table(
 )
 """``recording`` is relative to the study's folder, with ``/``; ``torso_height_m`` is that of the simulated body.
 
-The column of the metrics is called ``figures``, because the checksums of rows cover the names of columns.
+The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """
 
 ANSWER = Table(
@@ -216,7 +216,7 @@ CONSENT_TEXT = Table(
     Column("text", String, nullable=False),
     _salt(),
 )
-"""The archive of consent texts as participants read them, stored at the first use and never changed."""
+"""Archive of the consent texts that participants read. A text is stored at its first use and never changed."""
 
 CONSENT = Table(
     "consent",
@@ -230,9 +230,9 @@ CONSENT = Table(
     Column("sha256", String),
     _salt(),
 )
-"""All decisions of participants about consent texts, in order; ``sha256`` is the checksum of the text.
+"""All decisions about consent texts, in order. ``sha256``: checksum of the text.
 
-The row of the participant repeats the latest consent.
+The participant's row also contains the latest consent.
 """
 
 LINK = Table(
@@ -244,7 +244,7 @@ LINK = Table(
     Column("sha256", String, nullable=False),
     _salt(),
 )
-"""Links of participants to their sessions. Only the latest link of an open session is valid."""
+"""Session links of participants. Only the latest link of an open session is valid."""
 
 TOMBSTONE = Table(
     "tombstone",
@@ -254,7 +254,7 @@ TOMBSTONE = Table(
     Column("deleted_at", String, nullable=False),
     _salt(),
 )
-"""Deleted participants; their numbers are never used again."""
+"""Deleted participants. Their numbers are never used again."""
 
 SITE = Table(
     "site",
@@ -266,7 +266,7 @@ SITE = Table(
     _salt(),
     UniqueConstraint("name"),
 )
-"""Studies that this study was merged from, each with the head of its hash chain at the latest merge."""
+"""Sites of a merged study, with the head of each site's hash chain at the latest merge."""
 
 EXPERIMENTER = Table(
     "experimenter",
@@ -297,7 +297,7 @@ LOG = Table(
 )
 """The audit log: actions with person and time. Rows are never changed or deleted.
 
-For a view of results, ``completed`` of ``planned`` participants had completed the study at that time.
+For a view of results, ``completed`` and ``planned`` are the numbers of participants at that time.
 """
 
 LEDGER = Table(
@@ -309,4 +309,4 @@ LEDGER = Table(
     Column("content", String),
     Column("digest", String, nullable=False),
 )
-"""The hash chain. ``content`` is the checksum of a row, or null after its deletion."""
+"""The hash chain. ``content``: checksum of a row; null after the row's deletion."""

@@ -26,13 +26,13 @@ AFTER_TRIAL = "after_trial"
 def design_as_recorded(
     design: Design, trial: Trial, configuration: Configuration, translate: Translate
 ) -> Design:
-    """A design with the fields that a trial's recording contains.
+    """The design with the values that a trial's recording contains.
 
     Args:
-        design: the source of fields that are not recorded.
+        design: source of values that are not recorded.
         trial: the trial.
-        configuration: the configuration in its recording; fields that are ``None`` change nothing.
-        translate: translates a sentence of the design into the text that this participant read.
+        configuration: the configuration in the trial's recording; fields that are ``None`` are ignored.
+        translate: translates a sentence of the design into the text that the participant read.
     """
     changes: dict[str, Any] = {
         "trial_steps": configuration.steps,
@@ -57,7 +57,7 @@ def design_as_recorded(
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """The design's questionnaires with the recorded items after a trial."""
+    """The design's questionnaires, with the recorded items after the trial."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):
@@ -70,12 +70,12 @@ def _asked(
 
 
 def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
-    """The item of the design if the recorded text is its translation, else the recorded item."""
+    """The design's item if the recorded text is its translation; otherwise the recorded item."""
     return known if known is not None and item in (known, translate_item(known, translate)) else item
 
 
 def translate_item(item: Item, translate: Translate) -> Item:
-    """An item with translated texts."""
+    """The item with translated texts."""
     return msgspec.structs.replace(
         item,
         text=translate(item.text),
@@ -96,7 +96,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """Questionnaires, and a further one with the recorded items that no questionnaire after trials contains."""
+    """The questionnaires, and one more with the recorded items that no questionnaire after trials contains."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
@@ -111,9 +111,9 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 
 @dataclass(frozen=True)
 class SessionDesign:
-    """The design of some trials of a session; ``positions`` are those of the trials.
+    """The design of a session, for the trials at these ``positions``.
 
-    ``wordings`` are the texts for participants; ``None`` if the database does not contain the design of the session.
+    ``wordings``: the texts for participants; ``None`` if the database does not contain the session's design.
     """
 
     participant: Participant
@@ -124,14 +124,14 @@ class SessionDesign:
 
     @property
     def language(self) -> str:
-        """The language of the participant."""
+        """The participant's language."""
         return self.participant.language or self.design.languages[0]
 
 
 def session_designs(store: Store, participants: Sequence[Participant] | None = None) -> list[SessionDesign]:
-    """The design of each session from the database, else from its recordings.
+    """The designs of all sessions, from the database or else from the sessions' recordings.
 
-    ``participants``: only their sessions; default: all.
+    ``participants``: only sessions of these participants; default: all.
     """
     stored = _stored(store)
     return [
@@ -143,10 +143,10 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
 
 
 def recorded_designs(store: Store) -> list[SessionDesign]:
-    """The design of each session from its recordings.
+    """The designs of all sessions, from the sessions' recordings.
 
-    Fields that recordings lack are from the database, else from the study's present design. Trials without a readable
-    recording are left out. Inclusion questions are those that the participant answered.
+    Values that recordings lack come from the database, or else from the study's current design. Trials without a
+    readable recording are omitted. The inclusion questions are those that the participant answered.
     """
     stored, admitted = _stored(store), _admitted(store)
     return [
@@ -160,7 +160,7 @@ def recorded_designs(store: Store) -> list[SessionDesign]:
 
 
 def design_from_row(row: StoredDesign) -> Design:
-    """The design in a row; ``StudyError`` for a damaged row."""
+    """The design in a row. Raises ``StudyError`` if the row is damaged."""
     try:
         return design_from_dict(row.design)
     except msgspec.ValidationError as error:
@@ -168,7 +168,7 @@ def design_from_row(row: StoredDesign) -> Design:
 
 
 def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """A function that translates sentences of a design by stored wordings, else by the study's present texts."""
+    """A function that translates sentences of a design with stored wordings, or else with the study's current texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
         return lambda sentence: known.get(normalize_whitespace(sentence), sentence)
@@ -179,7 +179,7 @@ def translator(store: Store, language: str, wordings: Wordings | None) -> Callab
 
 
 def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
-    """Text that lists participants with their trials; ``everyone`` are all designs of the study."""
+    """List participants with their trials as text. ``everyone``: all session designs of the study."""
     own, names = list(sessions), list[str]()
     if own and {_key(entry) for entry in own} == {_key(entry) for entry in everyone}:
         people = {entry.participant.pseudonym for entry in own}
@@ -196,7 +196,7 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
-    """Whether a difference is one between sites that was accepted when they were merged."""
+    """Whether the merge accepted a difference between sites, and ``own`` contains all ``sessions`` of its sites."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]
@@ -208,7 +208,7 @@ def _key(entry: SessionDesign) -> tuple[int, tuple[int, ...]]:
 
 
 def _ranges(positions: list[int]) -> str:
-    """Positions of trials as text, with ranges."""
+    """Positions of trials as text, such as "trials 1 to 4"."""
     if not positions:
         return "no trial"
     ranges: list[list[int]] = []
@@ -222,7 +222,7 @@ def _ranges(positions: list[int]) -> str:
 
 
 def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
-    """The inclusion questions that participants answered, by number of the participant."""
+    """The inclusion questions that each participant answered, by participant number."""
     return {row.participant: design_from_row(row).inclusion for row in store.designs() if row.session is None}
 
 
@@ -258,9 +258,9 @@ def _recorded(
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
 ) -> Iterator[SessionDesign]:
-    """Each different design in the recordings of a session.
+    """All different designs in the recordings of a session.
 
-    Without a stored design, each trial also has the fields from the other recordings of its session.
+    Without a stored design, missing values come from the other recordings of the session.
     """
     design = store.design if stored is None else design_from_row(stored)
     wordings = None if stored is None else stored.wordings

@@ -1,4 +1,4 @@
-"""A participant's sessions at a station: opening, events, closing."""
+"""Open and close a participant's sessions at a station, and store their events."""
 
 import os
 
@@ -31,19 +31,19 @@ from avrgym.vr.headset_check import measurement_text, result_text
 
 
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
-    """Begin a session of a participant at this station.
+    """Open a session of a participant at this station.
 
-    Open attempts of a crashed session are ended first. If the robot had finished, the attempt completes its trial;
+    Open attempts of a crashed session are ended first. If the robot finished, the attempt completes its trial;
     otherwise it is interrupted.
 
     Args:
         store: the study.
         pseudonym: the participant.
-        take_over: also end a session that may run at another station.
+        take_over: end an open session, even if another station is possibly still running it.
 
     Raises:
-        StudyError: without consent to the present version or without an allocated order, or while another session
-            runs.
+        StudyError: if consent to the current version or an allocated order is missing, or if another session is
+            running.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
@@ -63,7 +63,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
 
 
 def check_consent(store: Store, participant: Participant) -> None:
-    """Raise ``StudyError`` if a participant agreed to another version of the consent text than the design's."""
+    """Raise ``StudyError`` if the participant agreed to another version of the consent text than the current one."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
         raise StudyError(
@@ -73,9 +73,9 @@ def check_consent(store: Store, participant: Participant) -> None:
 
 
 def close_session(store: Store, session_id: int) -> None:
-    """End a session; a running attempt is interrupted.
+    """End a session. A running attempt is interrupted.
 
-    After the last trial and its questionnaire the participant is completed.
+    If all trials and questionnaires are completed, the participant becomes completed.
     """
     with store.database.write() as connection:
         session = find_session(connection, session_id)
@@ -98,7 +98,7 @@ def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:
-    """Move a planned trial after all others."""
+    """Move a planned trial behind all others."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
@@ -108,7 +108,7 @@ def skip_trial(store: Store, session_id: int, position: int) -> None:
 def record_session_event(
     store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
 ) -> None:
-    """Store another event of a session, such as a lost connection."""
+    """Store an event of a session, such as a lost connection."""
     with store.database.write() as connection:
         session = find_session(connection, session_id)
         event = subject_of(session)
@@ -121,7 +121,7 @@ def record_session_event(
 
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
-    """Store the results of a headset check. The session row contains the latest, events contain all."""
+    """Store the result of a headset check. The session's row contains the latest result, events contain all."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
@@ -132,18 +132,18 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
 def end_open_sessions(
     store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
 ) -> None:
-    """End all open sessions and running attempts of a participant, in these states.
+    """End all open sessions and running attempts of a participant, with these states.
 
-    ``interrupted`` attempts are no longer recorded; if the robot had finished, they complete their trials.
+    An ``interrupted`` attempt whose robot finished completes its trial.
     """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
 def may_be_running(store: Store, session: StudySession) -> bool:
-    """Whether the process of an open session may still run; unknown processes of other stations may.
+    """Whether the process of an open session may be running; always true for a process at another station.
 
-    In a merged study none runs.
+    In a merged study, no session is running.
     """
     return not store.sites() and (session.station != store.station or is_running(session.process))
 
@@ -170,7 +170,7 @@ def _end_session(
 ) -> None:
     """End a session and its running attempts.
 
-    Simulated participants repeat an interrupted trial: results of a dry run depend on its seeds alone.
+    Simulated participants repeat an interrupted trial, because results of a dry run must depend on its seeds only.
     """
     participant = find(connection, Participant, "participant", number=session.participant)
     writer_ended = not participant.simulated and not may_be_running(store, session)

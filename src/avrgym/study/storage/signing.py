@@ -1,7 +1,7 @@
-"""The user's signing key (Ed25519), and the last entry that the user wrote in each study's participation list.
+"""The user's signing key (Ed25519), and the last entry of each participation list that the user wrote.
 
-Both are in the user's data folder, outside all studies. They reveal a list that was edited or replaced by an older copy
-or by the list of another study.
+Both are in the user's data folder, outside all studies. They reveal a list that was edited, or that was replaced by an
+older copy or by another study's list.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ _STUDIES = "studies"
 
 
 class LastEntry(msgspec.Struct, frozen=True):
-    """The last entry of a list that this user wrote: folder of the study, digest of the list, digest of the entry."""
+    """The last list entry that this user wrote: folder of the study, id of the list, and digest of the entry."""
 
     folder: str
     list_digest: str
@@ -36,7 +36,7 @@ class LastEntry(msgspec.Struct, frozen=True):
 
 
 def user_key() -> Ed25519PrivateKey | None:
-    """The user's key, created if missing; ``None`` if it can be neither read nor written."""
+    """The user's signing key. A missing key is created. ``None`` if it can be neither read nor written."""
     try:
         return _key_in(user_data_folder())
     except (OSError, ValueError):
@@ -50,12 +50,14 @@ def _key_in(folder: Path) -> Ed25519PrivateKey:
         _make_key(path)
     key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     if not isinstance(key, Ed25519PrivateKey):
-        raise ValueError(f"{path} is not an Ed25519 key")
+        raise ValueError(
+            f"{path} does not contain an Ed25519 key; restore a backup, or remove it to create a new key"
+        )
     return key
 
 
 def _make_key(path: Path) -> None:
-    """Write a new key atomically, unless another process was first."""
+    """Write a new key atomically. A key that another process has written is not replaced."""
     make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -71,12 +73,12 @@ def _make_key(path: Path) -> None:
 
 
 def public_key(key: Ed25519PrivateKey) -> str:
-    """The public key in hexadecimal digits."""
+    """The public key as hexadecimal digits."""
     return key.public_key().public_bytes_raw().hex()
 
 
 def is_signed(public: str, signature: str, text: str) -> bool:
-    """Whether the signature of a text matches a public key."""
+    """Whether the signature of a text is valid for a public key."""
     try:
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public))
         key.verify(bytes.fromhex(signature), text.encode())
@@ -86,7 +88,7 @@ def is_signed(public: str, signature: str, text: str) -> bool:
 
 
 def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
-    """Store the last entry of a study's list; errors are ignored."""
+    """Store the last entry of a study's participation list. Errors are ignored."""
     known = LastEntry(str(folder.resolve()), list_digest, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
@@ -95,14 +97,14 @@ def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
 
 
 def last_entry(folder: Path) -> LastEntry | None:
-    """The stored last entry of the study in a folder."""
+    """The stored last entry for the study in a folder; ``None`` if there is none."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
 def last_entry_of_moved_study(list_digest: str) -> LastEntry | None:
-    """The stored last entry of a list whose folder no longer exists, because the study was moved."""
+    """The stored last entry of a list, if its folder does not exist because the study was moved."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

@@ -1,4 +1,4 @@
-"""SQLite databases: durable connections with a write-ahead log, checksums, copies and secure deletion."""
+"""SQLite databases: durable connections with a write-ahead log (WAL), checksums, copies and secure deletion."""
 
 import hashlib
 import shutil
@@ -15,13 +15,13 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import private_opener
 
 WAIT_S = 60
-"""Maximum wait for the write lock of another station, in seconds."""
+"""Maximum time to wait for the write lock, in seconds."""
 _LOG = "-wal"
 _PRAGMAS = ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON")
 
 
 def make_engine(path: Path) -> sa.Engine:
-    """An engine for a database file, which is created if missing and readable only by its owner."""
+    """An SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
     engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": WAIT_S})
@@ -44,9 +44,9 @@ def make_engine(path: Path) -> sa.Engine:
 
 
 def database_checksum(connection: sa.Connection) -> str:
-    """The SHA-256 of the database's file including its write-ahead log.
+    """SHA-256 of the database's file, including its write-ahead log.
 
-    The file is read through SQLite: closing another file handle would release SQLite's locks.
+    The file is read through SQLite, because closing another file handle would release SQLite's locks.
     """
     driver = connection.connection.driver_connection
     assert isinstance(driver, sqlite3.Connection)
@@ -54,13 +54,13 @@ def database_checksum(connection: sa.Connection) -> str:
 
 
 def checksum_at_rest(path: Path) -> str:
-    """The SHA-256 of a database without connections; ``sqlite3.Error`` if it cannot be read."""
+    """SHA-256 of a database without open connections. Raises ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
 def faults(connection: sa.Connection) -> list[str]:
-    """Faults of the file by SQLite's own checks."""
+    """Errors that SQLite's own checks report."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     return [text for text in found if text != "ok"] + [
@@ -69,33 +69,36 @@ def faults(connection: sa.Connection) -> list[str]:
 
 
 def erase_traces(path: Path) -> None:
-    """Rewrite a file without the contents of deleted rows; ``StudyError`` while another process uses it."""
+    """Rewrite the file without the contents of deleted rows. Raises ``StudyError`` if another process uses it."""
     with closing(sqlite3.connect(path, timeout=WAIT_S, isolation_level=None)) as connection:
         connection.execute("PRAGMA secure_delete = ON")
         connection.execute("VACUUM")
         busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if busy:
         raise StudyError(
-            "the study is in use: stop the other program and delete again, or deleted data can be recovered"
+            "another program uses the study, and deleted data can still be recovered: stop it and delete again"
         )
 
 
 def back_up(source: Path, target: Path) -> None:
-    """Copy a database that may be in use."""
+    """Copy a database. Other processes may use it."""
     open(target, "xb", opener=private_opener).close()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         old.backup(new)
 
 
 def copy_at_rest(source: Path, folder: Path) -> None:
-    """Copy a read-only database into a folder, with its write-ahead log."""
+    """Copy a read-only database and its write-ahead log into a folder."""
     for path in (source, source.with_name(source.name + _LOG)):
         if path.exists():
             shutil.copyfile(path, folder / path.name)
 
 
 def _write_ahead(connection: sqlite3.Connection) -> None:
-    """Enable the write-ahead log. SQLite does not wait while another process creates the same file; this does."""
+    """Enable the write-ahead log.
+
+    If another process creates the same file, wait for it; SQLite itself does not wait.
+    """
     ends_s = time.monotonic() + WAIT_S
     while True:
         try:

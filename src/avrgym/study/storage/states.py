@@ -1,4 +1,4 @@
-"""The states of participants, sessions, trials and attempts, and the allowed transitions."""
+"""States of participants, sessions, trials and attempts, and the allowed transitions."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from avrgym.recording.schema import ATTEMPT_ENDS
 Transitions = Mapping[str, tuple[str, ...]]
 
 UNKNOWN = "unknown"
-"""State of a participant after the loss of the database: consent and withdrawal are unknown."""
+"""State of a participant with unknown consent and withdrawal, after the loss of the database."""
 
 PARTICIPANT: Transitions = {
     "enrolled": ("consented", "withdrawn"),
@@ -33,18 +33,18 @@ TRANSITIONS: Mapping[str, Transitions] = {
     "trial": TRIAL,
     "attempt": ATTEMPT,
 }
-"""By table: the states that may follow each state."""
+"""Allowed next states of each state, by table."""
 
 PARTICIPATING = ("allocated", "completed")
-"""States of participants that count in their cell."""
+"""States of participants who are counted in their cell."""
 
 
 class StudyError(RuntimeError):
-    """An action that the study does not allow; nothing was changed. The message contains what is allowed."""
+    """The study does not allow an action. Nothing was changed. The message contains the allowed actions or values."""
 
 
 def check_transition(table: str, what: str, before: str, after: str) -> None:
-    """Raise ``StudyError`` unless ``after`` may follow ``before``."""
+    """Raise ``StudyError`` if the transition from state ``before`` to state ``after`` is not allowed."""
     allowed = TRANSITIONS[table][before]
     if after not in allowed:
         follow = " or ".join(allowed) or "none, this state is final"

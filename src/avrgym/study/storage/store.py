@@ -1,4 +1,4 @@
-"""A study's folder and database: opening a study, and reading its rows."""
+"""Open a study (its folder and its database), and read its rows."""
 
 import os
 import socket
@@ -68,11 +68,11 @@ TABLES: Mapping[type, sa.Table] = {
 
 
 def create_study(folder: Path) -> Path:
-    """Write ``study.toml`` with the paper's protocol into a folder, which is created if missing.
+    """Write ``study.toml`` with the paper's protocol into a folder. A missing folder is created.
 
     Raises:
-        StudyError: when the folder contains a study; nothing is changed.
-        OSError: when it cannot be written.
+        StudyError: if the folder contains a study; nothing is changed then.
+        OSError: if the file cannot be written.
     """
     names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.FOLDER)
     present = [name for name in names if (folder / name).exists()]
@@ -85,10 +85,10 @@ def create_study(folder: Path) -> Path:
 
 
 class Store:
-    """An open study. Its methods read rows; ``people`` and ``sessions`` change them.
+    """An open study. Its methods read rows; the packages ``people`` and ``sessions`` change them.
 
-    ``folder`` is the study's folder, ``station`` the name of this computer. A folder that cannot be written, as on a
-    read-only disk, can still be read. Methods may be called from any thread.
+    ``folder``: the study's folder. ``station``: name of this computer. A study in a read-only folder can be read.
+    Methods are thread-safe.
     """
 
     def __init__(self, folder: Path, *, rebuild: bool = False) -> None:
@@ -99,11 +99,11 @@ class Store:
             rebuild: create a new database even if an earlier one was lost.
 
         Raises:
-            DesignError: when ``study.toml`` is invalid.
-            StudyError: when there is no study, or its database was lost or has another version.
+            DesignError: if ``study.toml`` is invalid.
+            StudyError: if there is no study, or if its database was lost or has another version.
         """
         if not (folder / FILE).is_file():
-            raise StudyError(f"{folder} contains no {FILE}; `avrgym study new {folder}` writes one")
+            raise StudyError(f"{folder} contains no {FILE}; `avrgym study new {folder}` creates it")
         self.folder = folder.resolve()
         self.station = socket.gethostname()
         self.design: Design = read_design(folder / FILE)
@@ -132,7 +132,7 @@ class Store:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """A write transaction; ``StudyError`` in a study that was merged from sites."""
+        """Context manager: a write transaction. Raises ``StudyError`` in a merged study."""
         with self.database.write() as connection:
             if find_all(connection, Site):
                 raise StudyError(
@@ -141,17 +141,20 @@ class Store:
             yield connection
 
     def path(self, relative: str) -> Path:
-        """The path of a file of the study; ``StudyError`` if it leads out of the folder, also through links."""
+        """Absolute path of a file in the study.
+
+        Raises ``StudyError`` if it, or the target of a link, is outside the folder.
+        """
         path = self.folder / relative
         if not path.resolve().is_relative_to(self.folder):
-            raise StudyError(f"{relative!r} leads out of the study's folder")
+            raise StudyError(f"{relative!r} is outside the study's folder")
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """The source of a policy of the design: a file in the study's folder, else its name.
+        """Source of a policy of the design: a file in the study's folder, or else the policy's name.
 
         Raises:
-            PolicyError: when there is neither.
+            PolicyError: if neither exists.
         """
         task, robot = find_environment(environment)
         own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, FILE_SUFFIX)]
@@ -167,11 +170,11 @@ class Store:
         return policy
 
     def participants(self) -> list[Participant]:
-        """All participants, in the order of their numbers."""
+        """All participants, ordered by number."""
         return self._rows(Participant)
 
     def participant(self, pseudonym: str) -> Participant:
-        """One participant; ``StudyError`` for an unknown pseudonym."""
+        """The participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
         with self.database.read() as connection:
             return find_participant(connection, pseudonym)
 
@@ -180,7 +183,7 @@ class Store:
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
     def designs(self) -> list[StoredDesign]:
-        """The stored designs of sessions and of admissions of participants."""
+        """All stored designs, of sessions and of admissions."""
         return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
@@ -188,12 +191,12 @@ class Store:
         return self._rows(Trial, participant=participant_number(pseudonym))
 
     def remaining_trials(self, pseudonym: str) -> list[Trial]:
-        """The trials still to run: first the planned ones, then the skipped ones."""
+        """The trials that are not completed: first the planned, then the skipped trials."""
         trials = self.trials(pseudonym)
         return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
 
     def attempts(self, pseudonym: str) -> list[TrialAttempt]:
-        """All attempts at a participant's trials, in order of their beginnings."""
+        """All attempts at a participant's trials, in the order of their start."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
 
@@ -207,27 +210,27 @@ class Store:
         return self._rows(StudyEvent)
 
     def participation(self) -> Participation | None:
-        """The participation list, if there is one."""
+        """The participation list; ``None`` if there is none."""
         return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
-        """The time of the first rebuild of the database, if it was rebuilt."""
+        """Time of the first rebuild of the database; ``None`` without a rebuild."""
         return next((event.at for event in self.events() if event.name == REBUILT), None)
 
     def notes(self, pseudonym: str) -> list[Note]:
-        """The experimenter's notes on a participant."""
+        """All notes about a participant."""
         return self._rows(Note, participant=participant_number(pseudonym))
 
     def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
-        """All reports of adverse events of a participant, in order of recording."""
+        """All reports of a participant's adverse events, in the order of recording."""
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def consents(self, pseudonym: str) -> list[Consent]:
-        """A participant's decisions about consent texts, in order."""
+        """All decisions of a participant about consent texts, in order."""
         return self._rows(Consent, participant=participant_number(pseudonym))
 
     def consent_texts(self) -> list[ConsentText]:
-        """The archive of consent texts, in the order of their first use."""
+        """All archived consent texts, in the order of their first use."""
         return self._rows(ConsentText)
 
     def tombstones(self) -> list[Tombstone]:
@@ -235,11 +238,11 @@ class Store:
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
-        """The entries of the audit log, in order of storage."""
+        """All entries of the audit log, in the order in which they were stored."""
         return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:
-        """The studies that this study was merged from; empty for a study that was not merged."""
+        """The sites of a merged study; empty for a study that is not merged."""
         return self._rows(Site)
 
     def _rows(self, kind: type[Row], **key: int) -> list[Row]:
@@ -247,7 +250,10 @@ class Store:
             return find_all(connection, kind, **key)
 
     def _check_protocol(self) -> None:
-        """Store the fields that trial orders depend on; ``StudyError`` if they change after the first allocation."""
+        """Store the fields that determine the orders of trials.
+
+        Raises ``StudyError`` if they changed after the first allocation.
+        """
         protocol = self.design.protocol()
         with self.database.read() as connection:
             stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
@@ -264,7 +270,7 @@ class Store:
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(
                 f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
-                f"allowed: {stored.get(changed[0], {})!r}, as it was"
+                f"allowed: the earlier value {stored.get(changed[0], {})!r}"
             )
         hash_chain.delete(connection, schema.STUDY)
         hash_chain.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
@@ -276,7 +282,7 @@ def _can_write(folder: Path) -> bool:
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
-    """The first row with these values; ``StudyError`` naming ``what`` if there is none."""
+    """The first row with these values. Raises ``StudyError`` if there is none; ``what`` describes the row."""
     rows = find_all(connection, kind, **key)
     if not rows:
         raise StudyError(f"there is no {what} in this study; `avrgym study status` lists its participants")
@@ -284,17 +290,17 @@ def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> R
 
 
 def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
-    """One participant; ``StudyError`` for an unknown pseudonym."""
+    """The participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
     return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
 
 
 def find_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """A session by its id."""
+    """The session with this id."""
     return find(connection, StudySession, f"session {session_id}", id=session_id)
 
 
 def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """A session by its id; ``StudyError`` if it is not open."""
+    """The session with this id. Raises ``StudyError`` if it is not open."""
     session = find_session(connection, session_id)
     if session.state != "open":
         raise StudyError(f"{session} is {session.state}; it must be open")
@@ -302,7 +308,7 @@ def find_open_session(connection: sa.Connection, session_id: int) -> StudySessio
 
 
 def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """An attempt by its id; ``StudyError`` if it is not running."""
+    """The attempt with this id. Raises ``StudyError`` if it is not running."""
     attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if attempt.state != "running":
         raise StudyError(f"{attempt} is {attempt.state}; it must be running")
@@ -310,13 +316,13 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 
 
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
-    """The trial at a position of the session's participant."""
+    """The trial at a position, of the session's participant."""
     own = {"participant": session.participant, "position": position}
     return find(connection, Trial, f"trial {position}", **own)
 
 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
-    """All rows with these values, in order of their keys."""
+    """All rows with these values, ordered by primary key."""
     table = TABLES[kind]
     names = list(get_type_hints(kind))
     query = sa.select(*(table.c[name] for name in names))
@@ -339,7 +345,7 @@ def change_state(
     """Change the state and other values of a row, and store an event.
 
     Raises:
-        StudyError: when the transition is not allowed.
+        StudyError: if the transition is not allowed.
     """
     table = TABLES[type(row)]
     key = getattr(row, hash_chain.primary_key(table).name)
@@ -351,12 +357,12 @@ def change_state(
 
 
 def subject_of(session: StudySession) -> dict[str, int]:
-    """The participant and session of an event in a session."""
+    """Participant and session of an event in a session."""
     return {"participant": session.participant, "session": session.id}
 
 
 def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, int]) -> None:
-    """Store the design as it is now; ``subject_of`` names the participant, and the session if one begins with it."""
+    """Store the current design. ``subject``: participant, and the session that starts with this design, if any."""
     hash_chain.insert(
         connection,
         schema.DESIGN,
@@ -368,12 +374,12 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
-    """Store that something happened; ``subject_of`` names participant, session and attempt."""
+    """Store an event. ``subject``: participant, session and attempt that it concerns."""
     hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
-    """A row as a dataclass; ``ValueError`` for a wrong type or unknown state."""
+    """The row as a dataclass. Raises ``ValueError`` for a wrong type or an unknown state."""
     state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
     if state is not None and state not in known:
         raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""Data about participants in a study's folder apart from the database."""
+"""Find data about participants outside the database, in a study's folder."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +23,7 @@ def traces_of_database(folder: Path) -> list[str]:
 
 
 def used_numbers(folder: Path) -> set[int]:
-    """Numbers of participants in the identity file, the participation list or the recordings."""
+    """Participant numbers in the identity file, the participation list and the recordings."""
     listed = ParticipationList(folder).read()
     known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known

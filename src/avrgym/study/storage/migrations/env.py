@@ -1,4 +1,4 @@
-"""Run by Alembic on a connection that it is given, within that connection's transaction."""
+"""Run by Alembic within the transaction of a given connection."""
 
 from alembic import context
 

@@ -1,4 +1,4 @@
-"""The tables of 0.2.0, the first released version. New databases are created from ``schema`` and skip migrations."""
+"""Tables of 0.2.0, the first release. New databases are created from ``schema`` without migrations."""
 
 revision = "0006_headset_check"
 down_revision = None
