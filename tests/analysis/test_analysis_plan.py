@@ -50,7 +50,7 @@ def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp
     assert "preregistered" not in page
     tests = read_table(tmp_path / "out", "tests")
     for row in tests:
-        assert row["planned"] == ("confirmatory" if row["family"] in PLANNED else "exploratory"), row[
+        assert row["plan_status"] == ("confirmatory" if row["family"] in PLANNED else "exploratory"), row[
             "family"
         ]
     results = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -78,7 +78,7 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
     analysis, page = analysed(folder, tmp_path / "out")
     assert analysis.plan is not None
     assert analysis.plan.deviations == []
-    labels = {(row.family, row.quantity): row.planned for row in analysis.models}
+    labels = {(row.family, row.quantity): row.plan_status for row in analysis.models}
     assert {each for each, label in labels.items() if label == "confirmatory"} == {(family, "L1")}
     assert set(labels.values()) == {"confirmatory", "exploratory"}
     assert f"H3: {family}" in page
@@ -118,6 +118,6 @@ def test_a_record_that_was_changed_tells_nothing(folder: Path, tmp_path: Path) -
     record = folder / "plan-frozen.json"
     record.write_bytes(record.read_bytes().replace(b"higher", b"lower"))
     analysis, page = analysed(folder, tmp_path / "out")
-    assert {row.planned for row in analysis.tests} == {""}
+    assert {row.plan_status for row in analysis.tests} == {""}
     assert "plan-frozen.json: was modified after freezing" in page
     assert "Confirmatory" not in page

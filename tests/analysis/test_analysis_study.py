@@ -277,7 +277,7 @@ def test_a_plan_may_name_the_tests_that_the_analysis_does_and_no_others(
 
 
 def test_without_a_frozen_plan_nothing_is_called_planned(out: Path, tables: dict[str, Frame]) -> None:
-    assert tables["tests"]["planned"].isna().all()
+    assert tables["tests"]["plan_status"].isna().all()
     assert "plan" not in json.loads((out / "results.json").read_text())
     page = (out / "report" / "index.html").read_text()
     assert page.count("nothing was preregistered") == 1

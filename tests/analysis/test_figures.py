@@ -24,7 +24,7 @@ from avrgym.analysis.answers.figures import (
 from avrgym.analysis.answers.session_answers import session_families, session_likert_rows
 from avrgym.analysis.answers.trial_answers import answer_families, likert_rows, subjective_rows
 from avrgym.analysis.biomechanics.biomechanics import body_trials_by_group
-from avrgym.analysis.biomechanics.figures import head_figure, height_figure
+from avrgym.analysis.biomechanics.figures import head_position_figure, torso_height_figure
 from avrgym.analysis.biomechanics.training_people import sample_training_people
 from avrgym.analysis.flow import ParticipantFlow, flow_chart
 from avrgym.analysis.outcomes.figures import reward_figure, success_figure
@@ -158,8 +158,8 @@ def body_drawings(design: Design) -> Iterator[Drawing]:
     ]  # fmt: skip
     people = sample_training_people(design)
     for group in body_trials_by_group(trials):
-        yield height_figure(group, people)
-        yield head_figure(group, people)
+        yield torso_height_figure(group, people)
+        yield head_position_figure(group, people)
 
 
 def flow_drawings() -> Iterator[Drawing]:

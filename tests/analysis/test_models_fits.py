@@ -155,7 +155,7 @@ def test_differences_that_are_all_the_same_have_no_variance(rng: np.random.Gener
     with pytest.raises(FitError):
         fit_mixed(values, WITH_CONSTANT, PEOPLE, [PEOPLE]).estimate(np.array([0.0, 1.0]))
     with pytest.raises(FitError, match="variance is zero"):
-        Estimate.of(1.0, 0.0, 3.0)
+        Estimate.from_variance(1.0, 0.0, 3.0)
 
 
 def test_one_cluster_that_alone_determines_an_effect_is_told(rng: np.random.Generator) -> None:

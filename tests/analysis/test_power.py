@@ -16,7 +16,7 @@ from avrgym.analysis.models.effects import TrialValue
 from avrgym.analysis.power.power import (
     PowerRow,
     count_significant,
-    default_sizes,
+    default_participant_numbers,
     p_values,
     power_rows,
     required_participants,
@@ -171,13 +171,15 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     rows: list[PowerRow] = []
     for participants, hits in {4: 10, 8: 85, 12: 70, 16: 85, 20: 95}.items():
         rows += power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
-    assert [required_participants(rows, 1.0, "test", "L1", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [
+    assert [
+        required_participants(rows, 1.0, "test", "L1", target_power) for target_power in (0.6, 0.8, 0.9, 0.99)
+    ] == [
         8,
         16,
         20,
         None,
     ]
-    assert default_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
+    assert default_participant_numbers(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
 
 
 @pytest.mark.parametrize(

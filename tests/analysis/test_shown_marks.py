@@ -151,7 +151,7 @@ def test_a_random_effect_that_is_there_is_not_said_to_be_at_zero(
 SINGULAR = ModelRow(
     simulated=True, family="f", quantity="reward", model=MIXED, effect="policies", group_a="a", group_b="b",
     participants=8, values=64, estimate=1.0, error=1.0, df=7.0, low=-1.0, high=3.0, p=0.5, p_holm=0.5,
-    planned="exploratory", note=f"{REMARK}participant by robot",
+    plan_status="exploratory", note=f"{REMARK}participant by robot",
 )  # fmt: skip
 
 

@@ -30,19 +30,19 @@ def test_an_occupied_port_is_a_warning() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         number = taken.getsockname()[1]
-        found = connections.port(number)
+        found = connections.check_port(number)
         assert (found.state, f"127.0.0.1:{number}" in found.message) == ("warning", True)
         assert "--port 0" in found.fix
-    assert connections.port(number).state == "ok"
+    assert connections.check_port(number).state == "ok"
 
 
 def test_a_browser_is_found_or_missed(
     program: Callable[[str, str], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path / "none"))
-    assert connections.browser().fix == "playwright install chromium"
+    assert connections.check_browser().fix == "playwright install chromium"
     program("chromium", "")
-    assert connections.browser().message == str(tmp_path / "chromium")
+    assert connections.check_browser().message == str(tmp_path / "chromium")
 
 
 ATTACHED = "List of devices attached"
@@ -61,45 +61,45 @@ def test_a_headset_on_a_cable(
     listed: str, state: str, words: str, program: Callable[[str, str], None]
 ) -> None:
     program("adb", f"printf '{listed}\\n'")
-    found = connections.headset()
+    found = connections.check_headset()
     assert (found.state, found.message) == (state, words)
 
 
 def test_without_adb_the_fix_is_its_installation(program: Callable[[str, str], None]) -> None:
-    assert "adb is not installed" in connections.headset().message
+    assert "adb is not installed" in connections.check_headset().message
 
 
 def test_a_network_is_named_or_missed() -> None:
-    assert connections.network(NAMES) == Finding("ok", "192.0.2.7, lab, lab.local")
-    assert connections.network(NAMES[1:]).state == "warning"
+    assert connections.check_network(NAMES) == Finding("ok", "192.0.2.7, lab, lab.local")
+    assert connections.check_network(NAMES[1:]).state == "warning"
 
 
 def test_firewalls_that_are_on(program: Callable[[str, str], None], tmp_path: Path) -> None:
     ufw = tmp_path / "ufw.conf"
-    assert connections.firewall(8000, ufw).state == "ok"
+    assert connections.check_firewall(8000, ufw).state == "ok"
     ufw.write_text("# comment\nENABLED=yes\n")
-    assert connections.firewall(8000, ufw).fix.startswith("sudo ufw allow 8000/tcp")
+    assert connections.check_firewall(8000, ufw).fix.startswith("sudo ufw allow 8000/tcp")
     ufw.write_text("ENABLED=no\n")
-    assert connections.firewall(8000, ufw).state == "ok"
+    assert connections.check_firewall(8000, ufw).state == "ok"
     program("firewall-cmd", "exit 1")
-    assert connections.firewall(8000, ufw).message == "neither ufw nor firewalld is active"
+    assert connections.check_firewall(8000, ufw).message == "neither ufw nor firewalld is active"
     program("firewall-cmd", '[ "$1" = --state ]')
-    assert connections.firewall(8000, ufw).fix == "sudo firewall-cmd --add-port=8000/tcp"
+    assert connections.check_firewall(8000, ufw).fix == "sudo firewall-cmd --add-port=8000/tcp"
     program("firewall-cmd", '[ "$1" = --state ] || [ "$1" = --query-port=8000/tcp ]')
-    assert connections.firewall(8000, ufw).message == "firewalld allows 8000/tcp"
+    assert connections.check_firewall(8000, ufw).message == "firewalld allows 8000/tcp"
 
 
 def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     folder = tmp_path / "with space"
     wanted = certificate_in(folder, NAMES)
-    assert connections.certificate(wanted).message.startswith("none yet")
+    assert connections.check_certificate(wanted).message.startswith("none yet")
     assert not folder.exists()
     certificate_for(NAMES, folder)
-    assert connections.certificate(wanted) == Finding("ok", str(wanted.certificate_file))
-    other = connections.certificate(certificate_in(folder, ("192.0.2.8",)))
+    assert connections.check_certificate(wanted) == Finding("ok", str(wanted.certificate_file))
+    other = connections.check_certificate(certificate_in(folder, ("192.0.2.8",)))
     assert (other.state, "lacks a present name" in other.message) == ("warning", True)
     wanted.key_file.chmod(0o644)
-    assert "chmod 600" in connections.certificate(wanted).fix
+    assert "chmod 600" in connections.check_certificate(wanted).fix
     wanted.key_file.chmod(0o600)
     wanted.key_file.write_text("broken")
-    assert "cannot be read" in connections.certificate(wanted).message
+    assert "cannot be read" in connections.check_certificate(wanted).message

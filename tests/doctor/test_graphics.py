@@ -24,13 +24,13 @@ def test_a_graphics_card_is_named_and_a_silent_driver_is_a_warning(
     program: Callable[[str, str], None],
 ) -> None:
     program("nvidia-smi", "echo 'A Card, 550.54'")
-    assert graphics.graphics_card().message == "A Card, driver 550.54"
+    assert graphics.check_graphics_card().message == "A Card, driver 550.54"
     program("nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")
-    found = graphics.graphics_card()
+    found = graphics.check_graphics_card()
     assert found.state == "warning"
     assert "Driver/library version mismatch" in found.message
 
 
 def test_a_missing_graphics_card_is_ok(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert graphics.graphics_card().state == "ok"
+    assert graphics.check_graphics_card().state == "ok"

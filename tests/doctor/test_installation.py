@@ -11,11 +11,11 @@ from avrgym.vr.server import web_server
 
 @pytest.mark.parametrize(("running", "state"), [("3.10.14", "error"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
 def test_an_old_python_is_an_error(running: str, state: str) -> None:
-    assert installation.python(running).state == state
+    assert installation.check_python(running).state == state
 
 
 def test_a_missing_and_an_old_package_are_named_with_the_line_that_brings_them() -> None:
-    found = installation.packages(
+    found = installation.check_packages(
         [Requirement(each) for each in ("numpy>=2.0", "mujoco>=1000", "no-such-package>=1")]
     )
     assert found.state == "error"
@@ -30,27 +30,27 @@ def test_requirements_are_read_from_the_metadata() -> None:
     assert {"mujoco", "numpy", "gymnasium"} <= by_itself
     assert {each.name for each in installation.requirements_of("browser")} == {"playwright"}
     assert not by_itself & {
-        each.name for extra in installation.offered_extras() for each in installation.requirements_of(extra)
+        each.name for extra in installation.user_extras() for each in installation.requirements_of(extra)
     }
-    assert installation.packages(installation.requirements_of()).state == "ok"
+    assert installation.check_packages(installation.requirements_of()).state == "ok"
 
 
 def test_all_user_extras_are_listed() -> None:
-    offered = set(installation.offered_extras())
+    offered = set(installation.user_extras())
     assert {"train", "lsl", "foxglove", "usd", "cluster"} <= offered
     assert not {"dev", "docs"} & offered
 
 
 def test_a_missing_extra_is_ok_and_a_conflicting_version_a_warning() -> None:
     there, missing, other = ([Requirement(each)] for each in ("numpy", "no-such-package", "numpy>=1000"))
-    found = installation.extras({"a": there, "b": missing})
+    found = installation.check_extras({"a": there, "b": missing})
     assert (found.state, "installed: a" in found.message, "avrgym[b]" in found.message) == ("ok", True, True)
-    assert installation.extras({"a": other}).fix == "pip install 'numpy>=1000'"
+    assert installation.check_extras({"a": other}).fix == "pip install 'numpy>=1000'"
 
 
 def test_a_missing_client_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "STATIC", tmp_path)
     for page in web_server.PAGES:
-        assert installation.client().state == "error"
+        assert installation.check_client().state == "error"
         (tmp_path / page).touch()
-    assert installation.client().state == "ok"
+    assert installation.check_client().state == "ok"

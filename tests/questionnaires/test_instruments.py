@@ -177,7 +177,7 @@ def test_weights_count_how_often_a_factor_was_chosen_and_always_add_up() -> None
     [
         ({"mental": 4}, "the sum of the weights is 16; allowed: 15"),
         ({"mental": 6, "temporal": 2}, "allowed: integers from 0 to 5"),
-        ({"luck": 0}, "allowed: mental, physical"),
+        ({"luck": 0}, "allowed: one weight for each of mental, physical"),
     ],
 )
 def test_other_weights_are_refused(changed: dict[str, int], words: str) -> None:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
-from avrgym.replay.packing import STEP, pack_poses
+from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.page import DATA_TAG, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
@@ -134,7 +134,7 @@ def held(file: Path) -> dict[str, Any]:
 
 def unpacked(packed: bytes, frames: int) -> np.ndarray:
     numbers = np.frombuffer(packed, np.uint8).reshape(4, -1).T.copy().view("<i4").reshape(-1, frames)
-    return STEP * np.cumsum(numbers.astype(np.int64), axis=1).T
+    return POSE_RESOLUTION * np.cumsum(numbers.astype(np.int64), axis=1).T
 
 
 @pytest.mark.parametrize("frames", [1, 2, 7])
@@ -142,7 +142,7 @@ def test_packed_poses_are_within_half_a_step_of_what_they_were(frames: int) -> N
     poses = np.random.default_rng(frames).normal(scale=30.0, size=(frames, 3 * 7)).astype("<f4")
     packed = pack_poses(poses.tobytes(), frames)
     assert len(packed) == poses.nbytes
-    assert np.abs(unpacked(packed, frames) - poses).max() <= STEP / 2
+    assert np.abs(unpacked(packed, frames) - poses).max() <= POSE_RESOLUTION / 2
 
 
 def test_a_page_names_nothing_to_be_loaded(page_file: Path) -> None:
@@ -203,7 +203,7 @@ def test_the_page_draws_what_was_recorded(
             drawn.append(page.evaluate(DRAWN))
             for body, pose in drawn[-1].items():
                 recorded = poses[frame, timeline.scene.bodies.index(body)]
-                assert np.abs(pose - recorded).max() <= STEP / 2 + 1e-6, body
+                assert np.abs(pose - recorded).max() <= POSE_RESOLUTION / 2 + 1e-6, body
         assert any(drawn[0][body] != drawn[1][body] for body in drawn[0] if body.startswith(ROBOT))
         assert {"person/head", "wheelchair"} <= set(drawn[0])
         expect(page.locator("#simulated")).to_have_text("Simulated participant")

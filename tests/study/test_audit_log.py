@@ -42,7 +42,7 @@ from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.audit_log import (
     ACCOUNT,
     ADD_EXPERIMENTER,
-    KNOWN_BY,
+    IDENTIFICATION_METHODS,
     OWN_TOKEN,
     REFUSED,
     SHARED_TOKEN,
@@ -310,7 +310,7 @@ def test_export_contains_the_log_with_a_codebook(store: Store, tmp_path: Path) -
         row["column"] for row in read_csv(tmp_path / "out" / "codebook.csv") if row["table"] == "log"
     ]
     assert described == list(rows[0])
-    assert {row["known_by"] for row in rows} <= set(KNOWN_BY)
+    assert {row["known_by"] for row in rows} <= set(IDENTIFICATION_METHODS)
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.cli.plan import plan_of
+from avrgym.cli.plan import frozen_at_and_deviations
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.checking.checks import check_study
@@ -85,7 +85,7 @@ def found(undone: Path) -> list[Finding]:
 @pytest.fixture(scope="module")
 def deviating(undone: Path) -> list[str]:
     with Store(undone) as store:
-        return [f"{each.where}: {each.message}" for each in plan_of(store)[1]]
+        return [f"{each.where}: {each.message}" for each in frozen_at_and_deviations(store)[1]]
 
 
 def naming(found: list[Finding], name: str) -> list[Finding]:
@@ -98,7 +98,7 @@ def test_unedited_design_has_no_findings(made: Path) -> None:
     with Store(made) as store:
         assert list(check_design(store)) == []
         assert [each.message for each in check_study(store) if each.is_error] == []
-        deviations = [each.message for each in plan_of(store)[1]]
+        deviations = [each.message for each in frozen_at_and_deviations(store)[1]]
     assert deviations == []
 
 
@@ -158,7 +158,7 @@ def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
                 (folder / POLICY).write_bytes(other)
         (folder / POLICY).write_bytes(other if when == "afterwards" else before)
         found = list(check_policies_used(store))
-        deviating = [each for each in plan_of(store)[1] if each.where == "policy mine"]
+        deviating = [each for each in frozen_at_and_deviations(store)[1] if each.where == "policy mine"]
     assert [(each.where, each.is_error) for each in found] == {
         "not at all": [],
         "in between": [("policy mine", True)],
@@ -199,7 +199,7 @@ def test_changed_reporting_is_no_finding(made: Path, tmp_path: Path) -> None:
     (folder / DESIGN).write_text(text)
     with Store(folder) as store:
         assert list(check_design(store)) == []
-        assert plan_of(store)[1] == []
+        assert frozen_at_and_deviations(store)[1] == []
 
 
 def test_plan_record_cannot_write_outside_its_folder(made: Path, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_next_session_stores_an_unstored_end(tmp_path: Path, monkeypatch: pytest
     """The loop waits for storage only until its timeout."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     monkeypatch.setattr("avrgym.study.sessions.visit.STORE_TIMEOUT_S", 0.5)
-    monkeypatch.setattr("avrgym.study.storage.sqlite.WAIT_S", 1)
+    monkeypatch.setattr("avrgym.study.storage.sqlite.LOCK_TIMEOUT_S", 1)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
         with ThreadPoolExecutor(1) as storing:
             visit = StudyVisit(store, enrol_with_consent(store), storing=storing)

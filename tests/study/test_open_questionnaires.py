@@ -111,7 +111,7 @@ def test_rebuild_contains_late_answers(left: Callable[[], tuple[Store, str]]) ->
     day.end()
     folder = store.folder
     (attempt,) = store.attempts(pseudonym)
-    late = answers_file.answer_times(folder / attempt.recording)
+    late = answers_file.answer_timestamps(folder / attempt.recording)
     store.close()
     for path in folder.glob(f"{database.FILE}*"):
         path.unlink()

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
-from avrgym.study.checking.preflight import policies_needed, policy_faults
+from avrgym.study.checking.preflight import policies_needed, policy_errors
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
@@ -50,7 +50,7 @@ def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         needed = policies_needed(store)
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
-        assert list(policy_faults(store)) == []
+        assert list(policy_errors(store)) == []
     code, lines = check(tmp_path / "study")
     assert (code, lines[-1]) == (0, "no errors")
 
@@ -130,10 +130,10 @@ def test_damaged_policy_files_raise_no_traceback(tmp_path: Path) -> None:
     with Store(folder) as store:
         for size in cut:
             path.write_bytes(whole[:size])
-            ((name, fault),) = policy_faults(store)
+            ((name, fault),) = policy_errors(store)
             assert (name, str(path) in fault) == ("mine", True)
         for place in [*range(0, 1000, 5), *rng.integers(0, len(whole), 100)]:
             damaged = bytearray(whole)
             damaged[place] ^= 1 << int(rng.integers(8))
             path.write_bytes(bytes(damaged))
-            assert all(str(path) in fault for _, fault in policy_faults(store))
+            assert all(str(path) in fault for _, fault in policy_errors(store))

@@ -18,7 +18,7 @@ from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics
-from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, draws_p, repeat_findings
+from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, repeat_findings, selection_p_value
 from avrgym.study.checking.repeats import (
     EXPERIMENTER,
     NOT_LOGGED,
@@ -303,10 +303,12 @@ def test_exact_test_keeps_its_level(alpha: float) -> None:
                 probabilities, [hits[n] / sum(hits.values()) for n in range(drawn + 1)]
             )
         rejected = [
-            share for n, share in enumerate(probabilities) if share > 0 and draws_p(blocks, n) <= alpha
+            share
+            for n, share in enumerate(probabilities)
+            if share > 0 and selection_p_value(blocks, n) <= alpha
         ]
         assert sum(rejected) <= alpha + 1e-12
-        assert draws_p(blocks, int(probabilities.argmax())) == pytest.approx(1.0)
+        assert selection_p_value(blocks, int(probabilities.argmax())) == pytest.approx(1.0)
 
 
 @pytest.mark.slow

@@ -242,9 +242,7 @@ def test_translations_are_merged_and_must_agree(tmp_path: Path, out: Path) -> No
         design.write_text(design.read_text().replace("Eat the food from the spoon.", "Taste it."))
         (site / "texts").mkdir()
         (site / "texts" / "de.toml").write_text(f'[sentences]\n"Taste it." = "{german}"\n')
-    words = (
-        'texts in de.sentences.Taste it. is "Probieren Sie." at a, "Kosten Sie." at b; --accept-differences'
-    )
+    words = 'texts in de.sentences.Taste it. is "Probieren Sie." at a, "Kosten Sie." at b; use --accept-differences'
     with pytest.raises(StudyError, match=re.escape(words)):
         merge_studies(sites, out)
     shutil.copy(sites[0] / "texts" / "de.toml", sites[1] / "texts")
@@ -310,7 +308,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_nothing, "empty contains no study.toml"),
     (
         _longer_trials,
-        r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
+        r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); use --accept-differences",
     ),
     (_other_policies, "tasks, robots and policies of all sites must be equal"),
     (_edited, "was changed by another program: .*; run `avrgym study check"),

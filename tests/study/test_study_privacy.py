@@ -17,7 +17,7 @@ from avrgym.study.storage.database import Database
 from avrgym.study.storage.sessions import close_session, open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import exposed
+from avrgym.system.files import exposed_paths
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"
@@ -88,7 +88,7 @@ def test_names_are_only_in_a_private_encrypted_file(store: Store) -> None:
     assert identity_file.read_identities(store.folder)["sub-002"] == identity_file.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     assert stat.S_IMODE((private / "identities.json").stat().st_mode) == 0o600
-    assert list(exposed(private)) == []
+    assert list(exposed_paths(private)) == []
 
 
 def test_identity_file_is_private_for_any_umask(store: Store) -> None:
@@ -175,7 +175,7 @@ def test_running_session_prevents_deletion(store: Store) -> None:
 
 
 def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sqlite, "WAIT_S", 0.1)
+    monkeypatch.setattr(sqlite, "LOCK_TIMEOUT_S", 0.1)
     with Store(store.folder) as reader, reader.database.read() as connection:
         connection.execute(schema.PARTICIPANT.select()).all()
         with pytest.raises(

@@ -621,7 +621,7 @@ ADDED = {
 
 
 @pytest.mark.fast_cases(5)
-@pytest.mark.parametrize("revision", database.UNRELEASED)
+@pytest.mark.parametrize("revision", database.UNRELEASED_REVISIONS)
 def test_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
     pseudonym = enrol_with_consent(store)
     with store.database.write() as connection:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrgym.recording.schema import Stream
-from avrgym.recording.streams import stream_quality, times_of
+from avrgym.recording.streams import stream_quality, stream_sample_times
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.protocol.messages import Entered, Ready, Status
@@ -75,7 +75,7 @@ def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "heart"]
     taken_s = np.concatenate([np.array(chunk.values)[:, 0] for chunk in chunks])
-    error_s = times_of(recording.topics, "heart").time_s + began_s + lived.began_s - taken_s
+    error_s = stream_sample_times(recording.topics, "heart").time_s + began_s + lived.began_s - taken_s
     assert len(error_s) > RATE_HZ / 2
     assert np.abs(error_s).max() < LOOPBACK_S
     numbers = np.concatenate([np.array(chunk.values)[:, 1] for chunk in chunks])
@@ -118,7 +118,7 @@ def test_events_are_sent_with_the_times_of_the_recording(lived: LiveVisit) -> No
     (recording,) = lived.recordings()
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]
-    times_s = times_of(recording.topics, "own").time_s
+    times_s = stream_sample_times(recording.topics, "own").time_s
     phases = [(time_s, each["phase"]) for time_s, each in zip(times_s, sent, strict=True) if "phase" in each]
     recorded = {
         event.detail: time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == "phase"

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.recording.schema import LONGEST_MS, MOST_FRAMES, Latency
+from avrgym.recording.schema import MAX_LATENCY_FRAMES, MAX_LATENCY_MS, Latency
 from avrgym.vr.latency import STAGES, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
@@ -28,20 +28,20 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
     passage = FrameTimes()
     passage.note_received(3)
     passage.note_received(4)
-    assert passage.times_of(state(-1), 0.0) is None
-    passed = passage.times_of(state(4), 7.5)
+    assert passage.stream_sample_times(state(-1), 0.0) is None
+    passed = passage.stream_sample_times(state(4), 7.5)
     assert passed is not None
     assert (passed.tracking_sequence, passed.simulated_s) == (4, 7.5)
     assert passed.received_s <= passed.sent_s
-    assert passage.times_of(state(4), 7.5) is None
+    assert passage.stream_sample_times(state(4), 7.5) is None
 
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
     passage = FrameTimes()
     for sequence in range(3 * MAX_STORED_FRAMES):
         passage.note_received(sequence)
-    assert passage.times_of(state(0), 0.0) is None
-    assert passage.times_of(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
+    assert passage.stream_sample_times(state(0), 0.0) is None
+    assert passage.stream_sample_times(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
     assert len(passage._received_s) < MAX_STORED_FRAMES
 
 
@@ -78,13 +78,13 @@ def test_latency_with_gaps_is_refused_in_words_and_nothing_else_happens(tmp_path
     assert visit.received(Status)[-1].latency == []
 
 
-@pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, LONGEST_MS + 1.0])
+@pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, MAX_LATENCY_MS + 1.0])
 def test_latencies_are_positive_and_limited(wrong: float) -> None:
     with pytest.raises(msgspec.DecodeError):
         messages.decode_client(messages.encode(told(1, up_ms=wrong)))
 
 
 def test_too_many_frames_are_rejected() -> None:
-    messages.decode_client(messages.encode(told(MOST_FRAMES)))
+    messages.decode_client(messages.encode(told(MAX_LATENCY_FRAMES)))
     with pytest.raises(msgspec.DecodeError):
-        messages.decode_client(messages.encode(told(MOST_FRAMES + 1)))
+        messages.decode_client(messages.encode(told(MAX_LATENCY_FRAMES + 1)))

@@ -78,7 +78,7 @@ Role = Annotated[
     str,
     Column("Role for its question.", allowed="primary, sensitivity analysis, secondary, supplement"),
 ]
-Planned = Annotated[
+PlanStatus = Annotated[
     str,
     Column(
         "Status by the frozen plan of the study.",

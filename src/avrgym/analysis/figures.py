@@ -5,7 +5,7 @@ from avrgym.analysis.answers.figures import (
     session_answers_figures,
     trial_answers_figures,
 )
-from avrgym.analysis.biomechanics.figures import head_figure, height_figure
+from avrgym.analysis.biomechanics.figures import head_position_figure, torso_height_figure
 from avrgym.analysis.outcomes.figures import reward_figure, success_figure
 from avrgym.analysis.page.drawing import Drawing
 from avrgym.analysis.study import Analysis
@@ -26,6 +26,6 @@ def draw_figures(analysis: Analysis) -> list[Drawing]:
         drawings += session_answers_figures(analysis.design, simulated, own, tests)
         drawings += mean_answers_figures(analysis.design, simulated, analysis.subjective, tests)
     for group in analysis.groups:
-        drawings.append(height_figure(group, analysis.people))
-        drawings.append(head_figure(group, analysis.people))
+        drawings.append(torso_height_figure(group, analysis.people))
+        drawings.append(head_position_figure(group, analysis.people))
     return drawings

@@ -37,10 +37,10 @@ REACHING_JOINTS = {
     "nothing": [],
 }
 """Joints with which a person brings the mouth, the arm or nothing to the tool."""
-MOVED_DEG = 5.0
+MIN_VOLUNTARY_MOTION_DEG = 5.0
 """Threshold of voluntary motion; the postural sway of a sitting person is smaller."""
-BEGINNING_S = 1.0
-FEW_PARTICIPANTS = 8
+START_DURATION_S = 1.0
+RECOMMENDED_PARTICIPANTS = 8
 """Number of participants in the paper; with fewer participants, the file contains a warning."""
 
 
@@ -162,7 +162,7 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
         sex=recording.configuration.person.sex,
         task=attempt.trial.task,
         torso_height_m=recording.configuration.person.torso_height_m,
-        beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
+        beginning_deg=_mean(times_s, targets_deg, times_s[0] + START_DURATION_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),
         largest_motion_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
     )
@@ -196,7 +196,8 @@ def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray
 
 def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
     moving = bool(
-        np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials)) > MOVED_DEG
+        np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials))
+        > MIN_VOLUNTARY_MOTION_DEG
     )
     poses = {task: _pose([t for t in trials if t.task == task], moving) for task in TASKS}
     return PeopleFile(
@@ -248,7 +249,7 @@ def _remarks(source: Source) -> str:
         "For n participants with values from a to b, the range is a - (b - a) / (n - 1) to b + (b - a) / (n - 1).",
         "Torso heights are in metres, joint angles in degrees. Joints without a range keep the task's pose.",
     ]
-    if source.participants < FEW_PARTICIPANTS:
+    if source.participants < RECOMMENDED_PARTICIPANTS:
         lines.append(_small_sample_text(source.participants))
     for sex, count in (("man", source.men), ("woman", source.women)):
         if count < 2:

@@ -66,11 +66,11 @@ class ParticipantFlow:
     withdrawal_reasons: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
-def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
+def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
     """The flow of people, then of simulated participants. Empty groups are omitted."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
-        _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, seen)
+        _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)
         for simulated in (False, True)
         if (gone := sum(each.simulated is simulated for each in deleted))
         or any(each.simulated is simulated for each in everyone)
@@ -78,11 +78,11 @@ def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
 
 
 def _flow(
-    store: Store, own: Sequence[Participant], simulated: bool, deleted: int, seen: StudyData
+    store: Store, own: Sequence[Participant], simulated: bool, deleted: int, data: StudyData
 ) -> ParticipantFlow:
     with_order = [each for each in own if each.cell is not None]
     without = [each for each in own if each.cell is None]
-    analysed = [each for each in own if each.pseudonym in seen.analysed]
+    analysed = [each for each in own if each.pseudonym in data.analysed]
     completed = [each for each in with_order if each.state == "completed"]
     decisions = [store.consents(each.pseudonym) for each in own]
     days = sorted(session.opened_at[:10] for each in own for session in store.sessions(each.pseudonym))
@@ -137,9 +137,9 @@ def _in(own: Iterable[Participant], state: str) -> int:
     return sum(each.state == state for each in own)
 
 
-BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
+BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
 """Widths of step boxes and of drop-out boxes, space between boxes, and line height."""
-LETTERS_PER_LINE = 42
+CHARACTERS_PER_LINE = 42
 """Number of characters that fit in a line of a box."""
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
@@ -191,7 +191,7 @@ def _some(left: dict[str, int]) -> list[str]:
 
 def flow_chart(flow: ParticipantFlow) -> Drawing:
     """The flow as a figure, marked as simulated for simulated participants."""
-    width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, flow_steps(flow)
+    width_in, shown = BOX_WIDTH_IN + DROPOUT_BOX_WIDTH_IN + 3 * GAP_IN, flow_steps(flow)
     boxes = [_box_height(_lines([words])) for words, _ in shown]
     beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
     height_in = 0.3 + sum(boxes) + sum(beside) + GAP_IN * len(shown)
@@ -200,14 +200,20 @@ def flow_chart(flow: ParticipantFlow) -> Drawing:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set(xlim=(0.0, width_in), ylim=(height_in, 0.0))
         axes.set_axis_off()
-        top, middle = 0.3, GAP_IN + BOX_IN / 2
+        top, middle = 0.3, GAP_IN + BOX_WIDTH_IN / 2
         for (words, left), tall, aside in zip(shown, boxes, beside, strict=True):
-            _box(axes, GAP_IN, top, BOX_IN, _lines([words]))
+            _box(axes, GAP_IN, top, BOX_WIDTH_IN, _lines([words]))
             below = top + tall
             if left:
                 at = below + GAP_IN / 2 + aside / 2
-                _box(axes, BOX_IN + 2 * GAP_IN, at - (aside - GAP_IN) / 2, SIDE_IN, _lines(left))
-                _arrow(axes, (middle, at), (BOX_IN + 2 * GAP_IN, at))
+                _box(
+                    axes,
+                    BOX_WIDTH_IN + 2 * GAP_IN,
+                    at - (aside - GAP_IN) / 2,
+                    DROPOUT_BOX_WIDTH_IN,
+                    _lines(left),
+                )
+                _arrow(axes, (middle, at), (BOX_WIDTH_IN + 2 * GAP_IN, at))
             top = below + aside + GAP_IN
             if words != shown[-1][0]:
                 _arrow(axes, (middle, below), (middle, top))
@@ -215,12 +221,12 @@ def flow_chart(flow: ParticipantFlow) -> Drawing:
 
 
 def _lines(texts: Sequence[str]) -> list[str]:
-    return [line for text in texts for line in wrap(text, LETTERS_PER_LINE)]
+    return [line for text in texts for line in wrap(text, CHARACTERS_PER_LINE)]
 
 
 def _box_height(lines: Sequence[str]) -> float:
     """The height of a box with these lines."""
-    return LINE_IN * (len(lines) + 1)
+    return LINE_HEIGHT_IN * (len(lines) + 1)
 
 
 def _box(axes: Axes, x: float, y: float, width: float, lines: Sequence[str]) -> None:

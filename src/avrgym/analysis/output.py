@@ -12,7 +12,7 @@ from avrgym.analysis.report import write_report
 from avrgym.analysis.study import Analysis
 from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED_PREFIX, previous_files, remove_files
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import make_private, make_private_folder
+from avrgym.system.files import make_private_folder, restrict_to_owner
 
 REPORT = "report/index.html"
 FOLDERS = ("report", "tables", "figures", PACK)
@@ -43,7 +43,7 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
         files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
         results = analysis.results() | {"files": files}
         (made / RESULTS).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        make_private(made)
+        restrict_to_owner(made)
         _replace(made, out, files)
     return out / REPORT
 

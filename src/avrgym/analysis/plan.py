@@ -173,7 +173,7 @@ def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Fa
         return EXPLORATORY if by_plan == NOT_PLANNED and row.family in optional else by_plan
 
     return [
-        replace(family, rows=tuple(replace(row, planned=label(row)) for row in family.rows))
+        replace(family, rows=tuple(replace(row, plan_status=label(row)) for row in family.rows))
         for family in families
     ]
 

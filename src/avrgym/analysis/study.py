@@ -77,10 +77,10 @@ from avrgym.study.storage.store import Store
 from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
-IN_TABLES_ONLY = ("control_steps", "people")
+CSV_ONLY_TABLES = ("control_steps", "people")
 """Tables that are too long for ``results.json``: only CSV files contain them."""
 FORMAT = f"{FORMAT_NAME} 1"
-FROM_FILE = "data that recordings do not contain are taken from the current files of the study"
+FROM_CURRENT_FILES = "data that recordings do not contain are taken from the current files of the study"
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class Analysis:
             "log": asdict(self.log),
             **({"losses": list(self.losses)} if self.losses else {}),
             "repeat_findings": self.repeat_findings,
-            **{table.name: list(table.rows) for table in self.tables() if table.name not in IN_TABLES_ONLY},
+            **{table.name: list(table.rows) for table in self.tables() if table.name not in CSV_ONLY_TABLES},
         }
 
 
@@ -203,7 +203,7 @@ def analyse(
     design = answered_items.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)
     differences = list(check_design(store))
-    observed.problems.extend(_problem(each, FROM_FILE) for each in check_stored_designs(store))
+    observed.problems.extend(_problem(each, FROM_CURRENT_FILES) for each in check_stored_designs(store))
     people = sample_training_people(design)
     groups = body_trials_by_group(observed.trials)
     given = design, observed.answers

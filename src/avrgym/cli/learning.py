@@ -363,15 +363,15 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
     log_is_shown = False
     with progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:
 
-        def report(now: "training.Progress") -> None:
+        def report(progress: "training.Progress") -> None:
             nonlocal log_is_shown
             if log.exists() and not log_is_shown:
                 print_line(f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it")
                 log_is_shown = True
             results = ""
-            if now.reward_mean is not None:
-                results = f"  reward {now.reward_mean:.1f}  success {100 * (now.success_rate or 0.0):.1f} %"
-            bar.show(now.steps, label=f"{env}  {now.stage}{results}")
+            if progress.reward_mean is not None:
+                results = f"  reward {progress.reward_mean:.1f}  success {100 * (progress.success_rate or 0.0):.1f} %"
+            bar.show(progress.steps, label=f"{env}  {progress.stage}{results}")
 
         yield report
 

@@ -169,7 +169,7 @@ def power(
 
     It varies the number of participants and the effect.
     """
-    from avrgym.analysis.power.power import default_sizes, simulate_power
+    from avrgym.analysis.power.power import default_participant_numbers, simulate_power
     from avrgym.analysis.power.simulated_studies import Assumptions
     from avrgym.analysis.power.summary import power_summary, terminal_rows
     from avrgym.study.design.design import FILE, read_design
@@ -179,7 +179,9 @@ def power(
         check_json(json_file)
         design = read_design(study / FILE if study.is_dir() else study)
         assumptions = Assumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
-        wanted = tuple(sorted({*sizes, design.participants})) if sizes else default_sizes(design)
+        wanted = (
+            tuple(sorted({*sizes, design.participants})) if sizes else default_participant_numbers(design)
+        )
         with progress_bar("simulating studies", unit="studies") as bar:
             rows = simulate_power(
                 design,
@@ -198,7 +200,9 @@ def power(
         print_line(sentence)
 
 
-def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[str | None, list[Finding]]":
+def frozen_at_and_deviations(
+    store: "Store", left_out: "Sequence[ExcludedTrial]" = ()
+) -> "tuple[str | None, list[Finding]]":
     """Time at which the plan was frozen (``None`` without a plan), and the deviations from it."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
@@ -219,7 +223,9 @@ def checked(store: "Store") -> "list[Finding]":
     from avrgym.study.checking.finding import ExcludedTrial
 
     found = check_study(store)
-    _, deviating = plan_of(store, [each for each in found if isinstance(each, ExcludedTrial)])
+    _, deviating = frozen_at_and_deviations(
+        store, [each for each in found if isinstance(each, ExcludedTrial)]
+    )
     return [
         *(each for each in found if each not in deviating),
         *(replace(each, message=f"deviates from the plan: {each.message}") for each in deviating),

@@ -18,7 +18,7 @@ from avrgym.cli.participant_records import (
     record_adverse_event,
     retention,
 )
-from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
+from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power
 from avrgym.cli.progress import CONTINUES, progress_bar
 from avrgym.cli.sites import merge, print_sites
 from avrgym.cli.terminal import (
@@ -85,7 +85,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
         check_json(json_file)
         with Store(folder) as store:
             summary = summarise_study(store)
-            frozen_at, deviations = plan_of(store)
+            frozen_at, deviations = frozen_at_and_deviations(store)
         plan = {"plan_frozen_at": frozen_at, "deviations": [asdict(each) for each in deviations]}
         write_json(json_file, asdict(summary) | plan)
     print_line(f"{summary.title}")

@@ -6,33 +6,37 @@ from pathlib import Path
 
 from avrgym.doctor import connections, graphics, installation, machine
 from avrgym.doctor.finding import Check, Finding, error
-from avrgym.doctor.installation import offered_extras, requirements_of
+from avrgym.doctor.installation import requirements_of, user_extras
 from avrgym.system.files import user_data_folder
 from avrgym.vr.server.addresses import PORT
 from avrgym.vr.server.certificate import certificate_in, lan_names
 
 CHECKS = (
-    Check("Python", lambda: installation.python(platform.python_version())),
-    Check("packages", lambda: installation.packages(installation.requirements_of())),
-    Check("extras", lambda: installation.extras({name: requirements_of(name) for name in offered_extras()})),
-    Check("plug-ins", installation.plugins),
-    Check("client", installation.client),
-    Check("graphics card", graphics.graphics_card),
-    Check("OpenGL", graphics.rendering),
-    Check("browser", connections.browser),
-    Check("headset", connections.headset),
-    Check("port", lambda: connections.port(PORT)),
-    Check("network", lambda: connections.network(lan_names())),
-    Check("firewall", lambda: connections.firewall(PORT)),
-    Check("certificate", lambda: connections.certificate(certificate_in(user_data_folder(), lan_names()))),
-    Check("processors", machine.processors),
-    Check("priority", machine.real_time_priority),
-    Check("timer", lambda: machine.timer(machine.oversleep_s())),
-    Check("CPU idle states", machine.cpu_idle_states),
-    Check("open files", machine.open_file_limit),
-    Check("disk", lambda: machine.free_space(Path.cwd())),
-    Check("this folder", lambda: machine.writable(Path.cwd())),
-    Check("data folder", lambda: machine.writable(user_data_folder())),
+    Check("Python", lambda: installation.check_python(platform.python_version())),
+    Check("packages", lambda: installation.check_packages(installation.requirements_of())),
+    Check(
+        "extras", lambda: installation.check_extras({name: requirements_of(name) for name in user_extras()})
+    ),
+    Check("plug-ins", installation.check_plugins),
+    Check("client", installation.check_client),
+    Check("graphics card", graphics.check_graphics_card),
+    Check("OpenGL", graphics.check_rendering),
+    Check("browser", connections.check_browser),
+    Check("headset", connections.check_headset),
+    Check("port", lambda: connections.check_port(PORT)),
+    Check("network", lambda: connections.check_network(lan_names())),
+    Check("firewall", lambda: connections.check_firewall(PORT)),
+    Check(
+        "certificate", lambda: connections.check_certificate(certificate_in(user_data_folder(), lan_names()))
+    ),
+    Check("processors", machine.check_processors),
+    Check("priority", machine.check_real_time_priority),
+    Check("timer", lambda: machine.check_timer(machine.oversleep_s())),
+    Check("CPU idle states", machine.check_cpu_idle_states),
+    Check("open files", machine.check_open_file_limit),
+    Check("disk", lambda: machine.check_free_space(Path.cwd())),
+    Check("this folder", lambda: machine.check_writable(Path.cwd())),
+    Check("data folder", lambda: machine.check_writable(user_data_folder())),
 )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from avrgym.doctor.finding import Finding, ok, warning
-from avrgym.system.files import exposed
+from avrgym.system.files import exposed_paths
 from avrgym.vr.emulation.emulated_headset import find_chromium
 from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.certificate import Certificate, reason_to_renew
@@ -17,7 +17,7 @@ TIMEOUT_S = 20.0
 UFW = Path("/etc/ufw/ufw.conf")
 
 
-def browser() -> Finding:
+def check_browser() -> Finding:
     """Check that Playwright and Chromium are installed, for `avrgym demo`."""
     try:
         from playwright.sync_api import sync_playwright
@@ -36,7 +36,7 @@ def browser() -> Finding:
     return ok(found)
 
 
-def headset() -> Finding:
+def check_headset() -> Finding:
     """Check that a headset is connected by cable and allows USB debugging."""
     program = shutil.which("adb")
     if program is None:
@@ -57,7 +57,7 @@ def headset() -> Finding:
     )
 
 
-def port(number: int) -> Finding:
+def check_port(number: int) -> Finding:
     """Check that a server can listen on a port of this computer."""
     try:
         listen(LOOPBACK[0], number).close()
@@ -66,7 +66,7 @@ def port(number: int) -> Finding:
     return ok(f"{number} is free")
 
 
-def network(names: Sequence[str]) -> Finding:
+def check_network(names: Sequence[str]) -> Finding:
     """Check that this computer has an address in the local network."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
         return warning(
@@ -76,7 +76,7 @@ def network(names: Sequence[str]) -> Finding:
     return ok(", ".join(names))
 
 
-def firewall(number: int, ufw: Path = UFW) -> Finding:
+def check_firewall(number: int, ufw: Path = UFW) -> Finding:
     """Check that no firewall blocks a port for headsets in the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
         return warning(
@@ -98,11 +98,11 @@ def _succeeds(*command: str) -> bool:
     return subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False).returncode == 0
 
 
-def certificate(wanted: Certificate) -> Finding:
+def check_certificate(wanted: Certificate) -> Finding:
     """Check that the certificate of --lan is valid and its key private."""
     if not wanted.certificate_file.exists():
         return ok(f"none yet; --lan creates one in {wanted.certificate_file.parent}")
-    if any(exposed(wanted.key_file)):
+    if any(exposed_paths(wanted.key_file)):
         return warning(f"other users can read {wanted.key_file}", f"chmod 600 '{wanted.key_file}'")
     reason = reason_to_renew(wanted)
     if reason is not None:

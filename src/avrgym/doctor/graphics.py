@@ -18,7 +18,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 """Names of Mesa's software renderers."""
 
 
-def graphics_card() -> Finding:
+def check_graphics_card() -> Finding:
     """Find the graphics card, and check that its driver responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
@@ -41,7 +41,7 @@ def _nvidia(program: str) -> Finding:
     )
 
 
-def rendering() -> Finding:
+def check_rendering() -> Finding:
     """Check that MuJoCo can render a picture, and report the renderer."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:

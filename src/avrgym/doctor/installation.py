@@ -16,7 +16,7 @@ SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
 """Packages with printed versions, for bug reports."""
 
 
-def python(running: str, asked: str | None = None) -> Finding:
+def check_python(running: str, asked: str | None = None) -> Finding:
     """Check the Python version against AVR Gym's requirement, or against ``asked``, such as ``>=3.11``."""
     wanted = asked or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(wanted).contains(running, prereleases=True):
@@ -27,7 +27,7 @@ def python(running: str, asked: str | None = None) -> Finding:
     )
 
 
-def packages(wanted: Sequence[Requirement]) -> Finding:
+def check_packages(wanted: Sequence[Requirement]) -> Finding:
     """Check that the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in wanted if _conflicting_version(each) is not None]
     if unmet:
@@ -50,7 +50,7 @@ def requirements_of(extra: str = "") -> list[Requirement]:
     return [*(each for each in own if each.name != "avrgym"), *included]
 
 
-def offered_extras() -> list[str]:
+def user_extras() -> list[str]:
     """The extras of the installed ``avrgym`` package, without those for developers."""
     return [
         each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in DEVELOPER_EXTRAS
@@ -61,7 +61,7 @@ def _applies(needed: Requirement, extra: str) -> bool:
     return needed.marker is None or needed.marker.evaluate({"extra": extra})
 
 
-def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
+def check_extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
     """List the installed extras. ``wanted``: each extra's requirements. A conflicting version is a warning."""
     wrong = [each for asked in wanted.values() for each in asked if _conflicting_version(each)]
     if wrong:
@@ -74,7 +74,7 @@ def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
     return ok(f"installed: {', '.join(there) or 'none'}{without}")
 
 
-def client() -> Finding:
+def check_client() -> Finding:
     """Check that the pages of the browser client are installed."""
     try:
         for page in PAGES:
@@ -84,7 +84,7 @@ def client() -> Finding:
     return ok("the pages of participant, experimenter and replay are installed")
 
 
-def plugins() -> Finding:
+def check_plugins() -> Finding:
     """Check that all plug-ins of other packages can be loaded."""
     skipped = skipped_plugins()
     if skipped:

@@ -26,7 +26,7 @@ BYTES_PER_TRIAL = 1_000_000
 FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
 
-def processors() -> Finding:
+def check_processors() -> Finding:
     """Check that there are at least two processors."""
     count = _processor_count()
     if count > 1:
@@ -38,7 +38,7 @@ def _processor_count() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def real_time_priority() -> Finding:
+def check_real_time_priority() -> Finding:
     """Check that the simulation's thread may have real-time priority."""
     if sys.platform != "linux" or _processor_count() == 1:
         return ok("not available on this system")
@@ -69,7 +69,7 @@ def oversleep_s() -> float:
     return median(late)
 
 
-def timer(late_s: float) -> Finding:
+def check_timer(late_s: float) -> Finding:
     """Check that the excess duration of sleeps allows ticks of 10 ms."""
     told = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * late_s:.1f} ms too long"
     if late_s <= OVERSLEEP_SHARE * TICK_S:
@@ -77,7 +77,9 @@ def timer(late_s: float) -> Finding:
     return warning(told, "close other programs, and set the computer to its highest performance")
 
 
-def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
+def check_cpu_idle_states(
+    driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE
+) -> Finding:
     """Check that idle processors wake quickly. In a virtual machine, this requires write access to ``latency``."""
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake immediately")
@@ -89,7 +91,7 @@ def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idl
     )
 
 
-def open_file_limit(number: int | None = None) -> Finding:
+def check_open_file_limit(number: int | None = None) -> Finding:
     """Check that the maximum number of open files is enough for a server; default: the limit of this process."""
     allowed = max_open_files() if number is None else number
     needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
@@ -98,7 +100,7 @@ def open_file_limit(number: int | None = None) -> Finding:
     return warning(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
 
 
-def writable(folder: Path) -> Finding:
+def check_writable(folder: Path) -> Finding:
     """Check that files can be written and locked in a folder, or that the folder can be created."""
     place = _existing_parent(folder)
     try:
@@ -115,12 +117,12 @@ def writable(folder: Path) -> Finding:
         return error(str(failure), "a network file system may lack locks: use a local folder")
 
 
-def free_space(folder: Path) -> Finding:
+def check_free_space(folder: Path) -> Finding:
     """Check that the folder's disk has space for the recordings of a study."""
-    return space(shutil.disk_usage(_existing_parent(folder)).free)
+    return check_free_bytes(shutil.disk_usage(_existing_parent(folder)).free)
 
 
-def space(free_bytes: int) -> Finding:
+def check_free_bytes(free_bytes: int) -> Finding:
     """Check that a number of free bytes is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
     told = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"

@@ -27,8 +27,8 @@ def register() -> None:
 
 
 def _environment_ids() -> Iterable[str]:
-    """Ids of all environments. Without plug-ins this imports no task."""
-    if not (plugins.entries(plugins.TASKS) or plugins.entries(plugins.ROBOTS)):
+    """Ids of all environments. Without plug-ins, no task is imported."""
+    if not (plugins.entry_points_of(plugins.TASKS) or plugins.entry_points_of(plugins.ROBOTS)):
         return ENVIRONMENTS
     from avrgym.tasks import registry
 

@@ -19,7 +19,7 @@ from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.models.cameras import AnyCamera
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
-from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
+from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
 
 MAX_ERROR_LENGTH = 160
 """Maximum length of an exception's text in an error message, in characters."""
@@ -120,7 +120,7 @@ def find_python(name: str) -> ExternalController:
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # a module may raise anything
         raise PolicyError(f"{name}: cannot be imported ({_error_text(error)})") from error
-    return _external(name, found, used_python(name))
+    return _external(name, found, plugin_of_controller(name))
 
 
 def python_file(name: str) -> Path | None:
@@ -142,7 +142,7 @@ def _search_current_folder() -> None:
 
 def registered_controllers() -> dict[str, EntryPoint]:
     """The controllers that other packages register, by name, without importing them."""
-    return {entry.name: entry for entry in plugins.entries(plugins.CONTROLLERS)}
+    return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLERS)}
 
 
 def find_registered(name: str) -> ExternalController:
@@ -151,15 +151,17 @@ def find_registered(name: str) -> ExternalController:
     try:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
-        raise PolicyError(f"{plugins.described(entry)}: cannot be imported ({_error_text(error)})") from error
-    return _external(name, found, used_entry("controller", name, entry))
+        raise PolicyError(
+            f"{plugins.describe_entry_point(entry)}: cannot be imported ({_error_text(error)})"
+        ) from error
+    return _external(name, found, plugin_of_entry_point("controller", name, entry))
 
 
 def used_plugin(name: str) -> UsedPlugin | None:
     """The installed version of a registered controller or of ``module:attribute``; ``None`` for other names."""
     if name in registered_controllers():
-        return used_entry("controller", name, registered_controllers()[name])
-    return used_python(name) if ":" in name else None
+        return plugin_of_entry_point("controller", name, registered_controllers()[name])
+    return plugin_of_controller(name) if ":" in name else None
 
 
 def broken_controllers() -> list[str]:

@@ -7,12 +7,12 @@ import msgspec
 
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 
-THEN = ("pause", "end")
+STOP_ACTIONS = ("pause", "end")
 """Allowed actions, the strongest last."""
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The session does ``then`` (one of ``THEN``) if the answer to ``item`` has a value of ``at_least`` or more.
+    """The session does ``then`` (see ``STOP_ACTIONS``) if the answer to ``item`` has a value of ``at_least`` or more.
 
     Values are those of the validated questionnaire; for the study's own items, 1 to ``points``.
     """
@@ -23,7 +23,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopDecision(NamedTuple):
-    """The action of the session (one of ``THEN``), and the reason for the experimenter."""
+    """The action of the session (one of ``STOP_ACTIONS``), and the reason for the experimenter."""
 
     then: str
     why: str
@@ -41,7 +41,7 @@ class StopRules:
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
-        rule = max(met, key=lambda each: THEN.index(each.then))
+        rule = max(met, key=lambda each: STOP_ACTIONS.index(each.then))
         questionnaire, item = self.find(item_id)
         answer = item.labels[value - 1] if item.labels else _value_text(questionnaire, item, value)
         return StopDecision(

@@ -40,7 +40,7 @@ def read_answers(recording: str | os.PathLike[str]) -> list[Answer]:
     return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
 
 
-def answer_times(recording: str | os.PathLike[str]) -> dict[str, str]:
+def answer_timestamps(recording: str | os.PathLike[str]) -> dict[str, str]:
     """Time stamp (ISO 8601, UTC) of the latest answer to each item."""
     return {each.item: each.answered_at for each in _lines(recording)}
 

@@ -12,7 +12,7 @@ import msgspec
 from avrgym.questionnaires.questionnaire import MAX_POINTS
 from avrgym.system.type_guards import is_array, is_table
 
-MOST_FRAMES, LONGEST_MS = 256, 60_000
+MAX_LATENCY_FRAMES, MAX_LATENCY_MS = 256, 60_000
 """Limits of one latency record: number of frames, and milliseconds."""
 
 
@@ -127,9 +127,9 @@ class Answer(Record, frozen=True):
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
-_Numbers = Annotated[list[int], msgspec.Meta(max_length=MOST_FRAMES)]
+_Numbers = Annotated[list[int], msgspec.Meta(max_length=MAX_LATENCY_FRAMES)]
 _Milliseconds = Annotated[
-    list[Annotated[float, msgspec.Meta(ge=0, le=LONGEST_MS)]], msgspec.Meta(max_length=MOST_FRAMES)
+    list[Annotated[float, msgspec.Meta(ge=0, le=MAX_LATENCY_MS)]], msgspec.Meta(max_length=MAX_LATENCY_FRAMES)
 ]
 
 

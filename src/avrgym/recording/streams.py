@@ -169,7 +169,7 @@ def stream_chunks(topics: Topics, stream: str) -> Chunks:
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
 
-def times_of(topics: Topics, stream: str) -> SampleTimes:
+def stream_sample_times(topics: Topics, stream: str) -> SampleTimes:
     """Sample times of a stream, corrected for clock resets."""
     described = streams_by_name(topics).get(stream)
     return sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
@@ -178,7 +178,7 @@ def times_of(topics: Topics, stream: str) -> SampleTimes:
 def stream_quality(topics: Topics) -> list[StreamQuality]:
     """Timing quality of each stream in a recording, in alphabetical order."""
     return [
-        _quality(stream, stream_chunks(topics, name), times_of(topics, name))
+        _quality(stream, stream_chunks(topics, name), stream_sample_times(topics, name))
         for name, stream in sorted(streams_by_name(topics).items())
     ]
 

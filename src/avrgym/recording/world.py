@@ -1,4 +1,4 @@
-"""Rebuilds the world of a recording, and renders its states."""
+"""Rebuild the world of a recording, and render its recorded states."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,10 +11,10 @@ from avrgym.tasks.episodes import Episodes
 
 
 def recorded_world(configuration: Configuration, *, by_region: bool = False) -> Episodes:
-    """The world at the start of a recording; ``by_region`` as for ``Episodes``.
+    """The world at the start of a recording. ``by_region``: see ``Episodes``.
 
     Raises:
-        ValueError: if it cannot be made.
+        ValueError: if the world cannot be created.
     """
     try:
         episodes = Episodes(
@@ -35,11 +35,11 @@ def recorded_world(configuration: Configuration, *, by_region: bool = False) -> 
 
 
 def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iterator[dict[str, np.ndarray]]:
-    """Images of the start of each control step, from the recorded states; physics does not run.
+    """Camera images at the start of each control step, rendered from the recorded states without physics.
 
     Raises:
-        ValueError: if the world cannot be made, or has other states.
-        RuntimeError: if nothing can be rendered.
+        ValueError: if the world cannot be created, or has states of another size.
+        RuntimeError: if rendering fails.
     """
     episodes = recorded_world(recording.configuration)
     size = len(episodes.simulation.integration_state())
@@ -51,7 +51,9 @@ def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iter
             elif topic == "/control":
                 start = states[max(0, len(states) - 1 - episodes.scene.substeps)] if states else []
                 if len(start) != size:
-                    raise ValueError(f"its states have {len(start)} numbers; this scene has {size}")
+                    raise ValueError(
+                        f"a recorded state has {len(start)} values, but a state of this scene has {size}"
+                    )
                 episodes.simulation.set_integration_state(np.array(start))
                 yield {name: image[0] for name, image in episodes.images(cameras).items()}
     finally:

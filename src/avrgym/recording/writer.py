@@ -32,7 +32,7 @@ from avrgym.system.files import private_opener
 FLUSH_INTERVAL_S = 0.1
 STALL_S = 0.75
 CAPACITY_MESSAGES = 4000
-FEW_MESSAGES = 100
+SHORT_QUEUE_MESSAGES = 100
 CLOSE_TIMEOUT_S = 10.0
 
 
@@ -97,7 +97,7 @@ class RecordingWriter:
 
         Returns immediately after a disk failure.
         """
-        while self._queue.qsize() > FEW_MESSAGES and self.error is None:
+        while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:

@@ -41,7 +41,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
-from avrgym.replay.output import check_new
+from avrgym.replay.output import check_new_file
 from avrgym.replay.timeline import recorded_scene, timeline_of
 from avrgym.system import random_streams
 from avrgym.system.files import write_atomically
@@ -51,9 +51,9 @@ from avrgym.vr.scene.export_process import model_with_appearance
 WORLD, TRACKING = "world", "local_floor"
 """Names of coordinate frames: the simulated world (z up), and the tracked poses (y up)."""
 TRACKED = ("head", "left", "right")
-POINTS = 40_000
+POINT_COUNT = 40_000
 """Total number of points on all surfaces."""
-FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
+POINT_FIELD_OFFSETS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
 """Byte offset of each field of a point."""
 POINT_BYTES = 16
 
@@ -70,7 +70,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
         ValueError: for another suffix, or for a recording that cannot be recomputed.
         FileExistsError: if the file exists.
     """
-    check_new(out, (".mcap",))
+    check_new_file(out, (".mcap",))
     timeline, poses = timeline_of(recording, progress)
     data = io.BytesIO()
     log = _Log(data, round(recording.began_at.timestamp() * 1e9), _described(recording))
@@ -181,7 +181,7 @@ def _colours(surface: BodySurface) -> Mapping[str, Any]:
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Points (P, ``POINT_BYTES``) of uniform density on each body's surfaces, identical in every run."""
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
-    density = POINTS / sum(area.sum() for own in areas.values() for area in own)
+    density = POINT_COUNT / sum(area.sum() for own in areas.values() for area in own)
     generator = random_streams.surface_points()
     for body, own in surfaces.items():
         drawn = [
@@ -218,7 +218,7 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
         point_stride=POINT_BYTES,
         fields=[
             PackedElementField(name=name, offset=offset, type=kinds.FLOAT32 if offset < 12 else kinds.UINT8)
-            for name, offset in FIELDS.items()
+            for name, offset in POINT_FIELD_OFFSETS.items()
         ],
         data=points.tobytes(),
     )

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 
-def check_new(path: Path, suffixes: tuple[str, ...]) -> None:
+def check_new_file(path: Path, suffixes: tuple[str, ...]) -> None:
     """Check that a file with one of these suffixes can be created.
 
     Raises:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-STEP = 2.0**-14
+POSE_RESOLUTION = 2.0**-14
 """Resolution of packed positions in metres, and of quaternions. The error of 0.03 mm is not visible."""
 
 
@@ -14,9 +14,9 @@ def pack_poses(poses: bytes, frames: int) -> bytes:
         frames: number of frames.
 
     Returns:
-        Differences between frames as 32-bit integers in multiples of ``STEP``, ordered by number, then by frame. The
-        lowest bytes of all differences come first, then the second, third and fourth bytes.
+        Differences between frames as 32-bit integers in multiples of ``POSE_RESOLUTION``, ordered by number, then by
+        frame. The lowest bytes of all differences come first, then the second, third and fourth bytes.
     """
-    steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / STEP)
+    steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / POSE_RESOLUTION)
     changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")
     return changes.reshape(-1, 1).view(np.uint8).T.tobytes()

@@ -10,8 +10,8 @@ import msgspec
 from msgspec.structs import replace
 
 from avrgym.recording.reader import Recording
-from avrgym.replay.output import check_new
-from avrgym.replay.packing import STEP, pack_poses
+from avrgym.replay.output import check_new_file
+from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded
 from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.vr.live_world.scene_message import scene_url
@@ -52,7 +52,7 @@ def check_page_to_write(out: Path) -> None:
         FileExistsError: if the file exists.
         ServerError: if the client is not built.
     """
-    check_new(out, (".html",))
+    check_new_file(out, (".html",))
     check_page(TEMPLATE)
 
 
@@ -66,7 +66,7 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
     check_page_to_write(out)
     before, place, after = (STATIC / TEMPLATE).read_bytes().partition(DATA_TAG)
     page = before + place + _within_script(_packed(trials)) + after
-    check_new(out, (".html",))
+    check_new_file(out, (".html",))
     write_atomically(out, page, PRIVATE_FILE)
 
 
@@ -75,7 +75,7 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
     timelines = aligned([trial.timeline for trial in trials])
     scenes = [_scene_number(recording, recordings) for recording in recordings]
     return Packed(
-        step=STEP,
+        step=POSE_RESOLUTION,
         trials=[
             PackedTrial(
                 replace(timeline, scene=replace(timeline.scene, url=scene_url(scene))),

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from avrgym.envs.rendering import Camera
 from avrgym.recording.reader import Recording
-from avrgym.replay.output import check_new
+from avrgym.replay.output import check_new_file
 from avrgym.replay.playback import ComparedState, Playback, driven_span_s, movement_end_s, title
 from avrgym.system.files import write_atomically
 
@@ -55,7 +55,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
         FileExistsError: if the file exists.
         RuntimeError: if rendering fails or the encoder is missing.
     """
-    check_new(out, (".mp4",))
+    check_new_file(out, (".mp4",))
     try:
         import av
     except ModuleNotFoundError as error:
@@ -68,7 +68,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
             for picture in _film(recording, FRAMES_PER_S, first_person, progress):
                 file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             file.mux(stream.encode())
-        check_new(out, (".mp4",))
+        check_new_file(out, (".mp4",))
         os.replace(unfinished, out)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -79,14 +79,14 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
 
     Arguments and errors are those of ``write_video``; ``out`` must end in .gif.
     """
-    check_new(out, (".gif",))
+    check_new_file(out, (".gif",))
     film = _film(recording, GIF_FRAMES_PER_S, first_person, progress)
     pictures = (Image.fromarray(picture).reduce(2).quantize() for picture in film)
     file = io.BytesIO()
     next(pictures).save(
         file, "GIF", save_all=True, append_images=pictures, duration=1000 // GIF_FRAMES_PER_S, loop=0
     )
-    check_new(out, (".gif",))
+    check_new_file(out, (".gif",))
     write_atomically(out, file.getvalue())
 
 
@@ -100,7 +100,7 @@ def draw_strip(
     Returns:
         The time of each picture, in seconds from the start of the motion.
     """
-    check_new(out, PICTURE_SUFFIXES)
+    check_new_file(out, PICTURE_SUFFIXES)
     begins_s, ends_s = driven_span_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
     drawn = [
@@ -111,7 +111,7 @@ def draw_strip(
     sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER)
     sheet.paste(strip, (0, CAPTION_PX))
     _write(sheet, (10, CAPTION_PX // 2), title(recording), "lm")
-    check_new(out, PICTURE_SUFFIXES)
+    check_new_file(out, PICTURE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
     write_atomically(out, file.getvalue())

@@ -19,7 +19,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
-STOP_PHASES = (("phase", "retreat"), ("phase", "free_after"))
+BRAKE_EVENTS = (("phase", "retreat"), ("phase", "free_after"))
 """Events that brake the robot."""
 
 
@@ -158,7 +158,7 @@ class Playback:
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
-        if self._stopped or (event.name, event.detail) in STOP_PHASES:
+        if self._stopped or (event.name, event.detail) in BRAKE_EVENTS:
             self.episodes.simulation.brake_robot()
             self._loop.abort_step()
 

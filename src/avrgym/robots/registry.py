@@ -30,7 +30,7 @@ def register(robot: Robot) -> None:
     _robots[robot.name] = robot
 
 
-BROKEN = plugins.load(plugins.ROBOTS, Robot, register)
+BROKEN = plugins.load_plugins(plugins.ROBOTS, Robot, register)
 """Error messages of plug-ins that cannot be used and are skipped."""
 
 

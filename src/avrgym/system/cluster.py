@@ -31,7 +31,7 @@ MAX_DEATHS = 8
 """A call fails after this number of its workers has died."""
 PROCESS_BYTES = 400 << 20
 """Memory of a worker process without worlds."""
-VARIABLE_PREFIX = "AVRGYM_"
+ENV_VAR_PREFIX = "AVRGYM_"
 """Environment variables with this prefix are copied to the workers."""
 COMPARED_PACKAGES = ("avrgym", "mujoco", "numpy")
 """All computers must have the same versions of these packages, because results must be bit-identical."""
@@ -70,7 +70,7 @@ class Cluster:
         self._starting: dict[Any, _Running] = {}
         self._bytes = PROCESS_BYTES
         self._variables = {
-            name: value for name, value in os.environ.items() if name.startswith(VARIABLE_PREFIX)
+            name: value for name, value in os.environ.items() if name.startswith(ENV_VAR_PREFIX)
         }
 
     @property

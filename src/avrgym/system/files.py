@@ -58,7 +58,7 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
     temporary.mkdir(mode=PRIVATE_FOLDER)
     try:
         write(temporary)
-        make_private(temporary)
+        restrict_to_owner(temporary)
         if path.exists():
             path.rmdir()
         os.replace(temporary, path)
@@ -94,13 +94,13 @@ def make_private_folder(path: Path) -> None:
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
 
 
-def make_private(path: Path) -> None:
+def restrict_to_owner(path: Path) -> None:
     """Remove the permissions of other users on a file, or on a folder and its contents."""
-    for each in exposed(path):
+    for each in exposed_paths(path):
         each.chmod(each.stat().st_mode & ~_OTHERS)
 
 
-def exposed(path: Path) -> Iterator[Path]:
+def exposed_paths(path: Path) -> Iterator[Path]:
     """Paths on which other users have permissions: a file, or a folder and its contents. Links are ignored."""
     if os.name != "posix" or not os.path.lexists(path):
         return

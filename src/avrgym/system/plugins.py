@@ -36,41 +36,41 @@ class SkippedPlugin:
     reason: str
 
 
-def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
+def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
     """Load all plug-ins of a group, sorted by name. ``add`` is called with each object, which must be a ``kind``.
 
     Returns:
         Plug-ins that cannot be loaded or have another type, or for which ``add`` raises an exception.
     """
     broken: list[SkippedPlugin] = []
-    for entry in entries(group):
+    for entry in entry_points_of(group):
         try:
             found = _object(entry, kind)
             add(found)
             _loaded[group, found.name] = entry
         except (Exception, SystemExit) as error:  # plug-ins may raise any exception
-            broken.append(skip(described(entry), error))
+            broken.append(log_skipped(describe_entry_point(entry), error))
     return broken
 
 
-def entry_of(group: str, name: str) -> EntryPoint | None:
+def entry_point_of(group: str, name: str) -> EntryPoint | None:
     """Entry point of a loaded object; ``None`` if the object is not a plug-in."""
     return _loaded.get((group, name))
 
 
 @cache
-def entries(group: str) -> tuple[EntryPoint, ...]:
+def entry_points_of(group: str) -> tuple[EntryPoint, ...]:
     """Entry points of a group, sorted by name. They are cached; nothing is imported."""
-    return tuple(sorted(entry_points(group=group), key=described))
+    return tuple(sorted(entry_points(group=group), key=describe_entry_point))
 
 
-def described(entry: EntryPoint) -> str:
+def describe_entry_point(entry: EntryPoint) -> str:
     """The entry point as text: ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
     package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
     return f"{entry.name} = {entry.value}{package}"
 
 
-def skip(name: str, error: BaseException) -> SkippedPlugin:
+def log_skipped(name: str, error: BaseException) -> SkippedPlugin:
     """Log a warning that a plug-in is skipped because of an error."""
     broken = SkippedPlugin(name, f"{type(error).__name__}: {error}")
     _LOG.warning("skipped %s: %s", broken.name, broken.reason)

@@ -57,7 +57,7 @@ def own_version() -> str:
     return f"{about.version}+{content_sha256('avrgym')[:SHOWN_DIGITS]}"
 
 
-def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
+def plugin_of_entry_point(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
     """The installed plug-in of an entry point."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(
@@ -65,7 +65,7 @@ def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
     )
 
 
-def used_python(name: str) -> UsedPlugin:
+def plugin_of_controller(name: str) -> UsedPlugin:
     """The controller ``module:attribute`` with its current files."""
     return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
 

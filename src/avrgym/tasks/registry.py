@@ -13,7 +13,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.robots.optional import how_to_add
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
-from avrgym.system.used_plugins import UsedPlugin, used_entry
+from avrgym.system.used_plugins import UsedPlugin, plugin_of_entry_point
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.dressing.task import DRESSING
@@ -59,7 +59,7 @@ class Registry:
         except UnsuitableError:
             return False
         except (Exception, SystemExit) as error:  # other people's code may raise anything
-            self.broken.append(plugins.skip(environment_id(task.name, robot.name), error))
+            self.broken.append(plugins.log_skipped(environment_id(task.name, robot.name), error))
             return False
         return True
 
@@ -68,7 +68,7 @@ def _build_registry() -> Registry:
     registry = Registry(ROBOTS)
     for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING):
         registry.add(task)
-    registry.broken += plugins.load(plugins.TASKS, Task, registry.add)
+    registry.broken += plugins.load_plugins(plugins.TASKS, Task, registry.add)
     return registry
 
 
@@ -100,9 +100,12 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
         ValueError: for an unknown id, listing the ids.
     """
     task, robot = find_environment(environment_id)
-    of_task, of_robot = plugins.entry_of(plugins.TASKS, task), plugins.entry_of(plugins.ROBOTS, robot)
-    found = () if of_task is None else (used_entry("task", task, of_task),)
-    return found if of_robot is None else (*found, used_entry("robot", robot, of_robot))
+    of_task, of_robot = (
+        plugins.entry_point_of(plugins.TASKS, task),
+        plugins.entry_point_of(plugins.ROBOTS, robot),
+    )
+    found = () if of_task is None else (plugin_of_entry_point("task", task, of_task),)
+    return found if of_robot is None else (*found, plugin_of_entry_point("robot", robot, of_robot))
 
 
 def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[Task, SceneConfig]:

@@ -110,8 +110,10 @@ class Texts:
 
     def untranslated(self, sentences: Collection[str]) -> list[str]:
         """Sentences without a translation."""
-        wanted = dict.fromkeys(normalize_whitespace(sentence) for sentence in sentences if sentence.strip())
-        return [sentence for sentence in wanted if sentence not in self.sentences]
+        unique_sentences = dict.fromkeys(
+            normalize_whitespace(sentence) for sentence in sentences if sentence.strip()
+        )
+        return [sentence for sentence in unique_sentences if sentence not in self.sentences]
 
 
 class TextError(ValueError):
@@ -196,13 +198,13 @@ def _check(texts: Texts, where: str) -> None:
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
     for table in ("session", "page"):
-        wanted: Mapping[str, str] = getattr(_ENGLISH, table)
+        expected: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
         selects = any(_SELECTS & _names(text) for text in found.values())
-        needed = [key for key in wanted if selects or not key.startswith(SELECT_BY)]
+        needed = [key for key in expected if selects or not key.startswith(SELECT_BY)]
         missing = [key for key in needed if not found.get(key, "").strip()]
-        like = {key: key if key in wanted else key.removesuffix(PAGE_SUFFIX) for key in found}
-        unknown = [key for key, english in like.items() if english not in wanted]
+        like = {key: key if key in expected else key.removesuffix(PAGE_SUFFIX) for key in found}
+        unknown = [key for key, english in like.items() if english not in expected]
         if missing:
             more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""
             untranslated = f"{', '.join(missing[:MAX_LISTED_KEYS])}{more}"
@@ -210,9 +212,9 @@ def _check(texts: Texts, where: str) -> None:
                 f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of the English file"
             )
         if unknown:
-            raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
+            raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(expected)}")
         for key, text in found.items():
-            names = _names(wanted[like[key]]) - _SELECTS
+            names = _names(expected[like[key]]) - _SELECTS
             if _names(text) - _SELECTS != names:
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
                 raise TextsError(

@@ -23,9 +23,9 @@ from avrgym.analysis.answers.trial_answers import (
 )
 from avrgym.analysis.page.comparisons import p_primary_and_stars
 from avrgym.analysis.page.drawing import (
+    CHARACTER_WIDTH_IN,
     GROUP_WIDTH,
     INK,
-    LETTER_WIDTH_IN,
     LINE_COLOURS,
     ON_DARK,
     ON_LIGHT,
@@ -143,11 +143,11 @@ def _likert_figure(
     brackets = max(map(len, by_item.values()))
     brackets = brackets if brackets <= MAX_BRACKETS else 0
     width_in = WIDTH_IN + BRACKET_WIDTH_IN * max(0, brackets - 1)
-    axes_in = width_in - 0.45 - LETTER_WIDTH_IN * max(map(len, groups))
+    axes_in = width_in - 0.45 - CHARACTER_WIDTH_IN * max(map(len, groups))
     share_in = (axes_in - BRACKET_WIDTH_IN * brackets) / 2.04
     common = _common_scale(questionnaire)
     heads = [
-        _head(questionnaire, item, int(axes_in / LETTER_WIDTH_IN), common) for item in questionnaire.items
+        _head(questionnaire, item, int(axes_in / CHARACTER_WIDTH_IN), common) for item in questionnaire.items
     ]
     spaces = [LINE_HEIGHT * head.count("\n") + LINE_HEIGHT + 0.9 for head in heads]
     tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
@@ -164,9 +164,7 @@ def _likert_figure(
         places = [top + place for top in tops for place in range(len(groups))]
         axes.set_yticks(places, list(groups) * len(tops))
         scale = f"answers {common}" if common else "each item on its own scale"
-        label = (
-            f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / LETTER_WIDTH_IN)))}"
-        )
+        label = f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / CHARACTER_WIDTH_IN)))}"
         _axis(axes, brackets * BRACKET_WIDTH_IN / share_in, label)
         axes.set_ylabel(what)
         axes.set_ylim(bottom - 0.4, 0.0)
@@ -231,7 +229,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
     for row, colour in zip(rows, colours, strict=True):
         axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
         number = str(row.count)
-        if row.share * share_in > LETTER_WIDTH_IN * len(number):
+        if row.share * share_in > CHARACTER_WIDTH_IN * len(number):
             shade = ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else ON_LIGHT
             axes.text(left + row.share / 2, y, number, color=shade, fontsize=7, ha="center", va="center")
         left += row.share
@@ -278,7 +276,7 @@ def _items_in_row(design: Design, items: Sequence[Item]) -> int:
     """Number of items that fit in a row."""
     item_in = max(
         BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
-        LETTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
+        CHARACTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
     )
     return max(1, int(ROW_WIDTH_IN / item_in))
 

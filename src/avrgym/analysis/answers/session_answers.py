@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from avrgym.analysis.answers.trial_answers import LikertRow, counts
+from avrgym.analysis.answers.trial_answers import LikertRow, value_frequencies
 from avrgym.analysis.columns import (
     IsSimulated,
     ItemName,
@@ -87,7 +87,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
         for simulated, questionnaire, given in _asked(design, answers)
         for item, moment in product(questionnaire.items, SESSION_MOMENTS)
         if moment in questionnaire.moments
-        for row in counts(
+        for row in value_frequencies(
             simulated, questionnaire, moment, item, None, list(given.get((moment, item.id), {}).values())
         )
     ]

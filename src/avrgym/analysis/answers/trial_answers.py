@@ -101,11 +101,11 @@ def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
             values = [row.value for row in _counted_answers(answers, simulated, item.id, policy)]
-            rows += counts(simulated, questionnaire, AFTER_TRIAL, item, policy, values)
+            rows += value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, values)
     return rows
 
 
-def counts(
+def value_frequencies(
     simulated: bool,
     questionnaire: Questionnaire,
     moment: str,

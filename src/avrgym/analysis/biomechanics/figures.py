@@ -33,9 +33,9 @@ BIN_M = 0.01
 # Biomechanics
 
 
-def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
     """Torso heights of participants as marks, above the distributions of the training populations."""
-    own = torso_heights(group)
+    own = torso_heights(trials)
     trained = {
         name: [row.torso_height_m for row in people if row.population == name]
         for name in HEIGHT_DISTRIBUTIONS
@@ -54,25 +54,25 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
             weights = np.full(len(values), 1.0 / len(values))
             axes.hist(values, edges.tolist(), weights=weights, histtype="step", color=colour, label=label)
         for sex, marker in zip(SEXES, "so", strict=True):
-            marks = torso_heights(group, sex)
+            marks = torso_heights(trials, sex)
             label = {"man": "a man", "woman": "a woman"}[sex]
             axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.6)
         axes.set(xlabel="torso height / m", ylabel="share per cm")
         add_legend(figure, columns=2)
     return finish_figure(
-        group.simulated, "torso-heights", "Torso heights of participants and of training populations", figure
+        trials.simulated, "torso-heights", "Torso heights of participants and of training populations", figure
     )
 
 
-def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+def head_position_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
     """Front and side view of head positions: means of trials, and people of the training populations."""
-    postures = group.postures()
+    postures = trials.postures()
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")
         for place, (posture, (axis, view)) in enumerate(product(postures, ((0, "x"), (1, "y")))):
             axes = figure.add_subplot(len(postures), 2, place + 1)
-            _heads(axes, group, people, posture, axis)
+            _heads(axes, trials, people, posture, axis)
             words = {"x": "from the front", "y": "from the side"}[view]
             axes.set(
                 xlabel=f"{view} / m",
@@ -86,7 +86,7 @@ def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
         "Head centres of participants (mean of each trial) and of training populations (up to "
         f"{MAX_SHOWN_PEOPLE} people of each)"
     )
-    return finish_figure(group.simulated, "head-positions", caption, figure)
+    return finish_figure(trials.simulated, "head-positions", caption, figure)
 
 
 def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: str, axis: int) -> None:

@@ -31,7 +31,7 @@ class Estimate:
     note: str = ""
 
     @classmethod
-    def of(cls, value: float, variance: float, df: float) -> "Estimate":
+    def from_variance(cls, value: float, variance: float, df: float) -> "Estimate":
         """Interval and p of an estimate by Student's t. Raises ``FitError`` if the variance is not positive."""
         if not variance > 1e-16 * max(1.0, value**2):
             raise FitError("all participants have the same difference: its variance is zero")
@@ -41,7 +41,7 @@ class Estimate:
         return cls(value, error, df, value - half, value + half, p)
 
 
-class Fitted(Protocol):
+class FittedModel(Protocol):
     """A fitted model."""
 
     def estimate(self, contrast: FloatArray) -> Estimate:

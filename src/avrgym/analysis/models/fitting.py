@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from avrgym.analysis.models.effects import POLICIES, ROBOTS, DesignMatrix, Effect, TrialValue, design_matrix
-from avrgym.analysis.models.estimate import Estimate, FitError, Fitted
+from avrgym.analysis.models.estimate import Estimate, FitError, FittedModel
 from avrgym.analysis.models.mixed import fit_mixed
 from avrgym.analysis.models.ordinal import fit_ordinal
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
@@ -53,23 +53,27 @@ def _robot(observed: TrialValue) -> str:
 
 
 def estimate_effects(
-    design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
+    design: Design, model: str, observed: Sequence[TrialValue], requested_effects: Sequence[Effect]
 ) -> EffectEstimates:
     """Fit the model and estimate each effect, or return the ``FitError`` that prevents its estimate."""
     if len({each.value for each in observed}) < 2:
-        return dict.fromkeys(wanted, FitError("all values are equal" if observed else "there are no values"))
+        return dict.fromkeys(
+            requested_effects, FitError("all values are equal" if observed else "there are no values")
+        )
     observed, _ = drop_constant_groups(model, observed)
     if not observed:
-        return dict.fromkeys(wanted, FitError("each task, or each robot, has all its values at one end"))
+        return dict.fromkeys(
+            requested_effects, FitError("each task, or each robot, has all its values at one end")
+        )
     try:
         names = design_matrix(design, observed)
         fitted = fit_model(model, observed, names)
     except FitError as error:
-        return dict.fromkeys(wanted, error)
-    return {effect: _estimate(fitted, names, effect) for effect in wanted}
+        return dict.fromkeys(requested_effects, error)
+    return {effect: _estimate(fitted, names, effect) for effect in requested_effects}
 
 
-def _estimate(fitted: Fitted, names: DesignMatrix, effect: Effect) -> Estimate | FitError:
+def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> Estimate | FitError:
     try:
         found = fitted.estimate(names.contrast(effect))
     except FitError as error:
@@ -78,7 +82,7 @@ def _estimate(fitted: Fitted, names: DesignMatrix, effect: Effect) -> Estimate |
     return replace(found, note=f"{found.note}; {UNRELIABLE}") if own in found.note else found
 
 
-def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> Fitted:
+def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> FittedModel:
     """Fit a model with participants as clusters. Raises ``FitError`` if the values do not identify it."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
@@ -100,7 +104,7 @@ def _singular(zero_variances: Sequence[str]) -> str:
 class _WithConstant:
     """A fitted model with an intercept. Contrasts omit the intercept; estimates get ``note``."""
 
-    def __init__(self, fitted: Fitted, note: str) -> None:
+    def __init__(self, fitted: FittedModel, note: str) -> None:
         self._fitted, self._note = fitted, note
 
     def estimate(self, contrast: FloatArray) -> Estimate:

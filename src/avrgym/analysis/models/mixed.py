@@ -19,7 +19,7 @@ from avrgym.array_types import FloatArray
 MAX_ITERATIONS = 30
 MAX_HALVINGS = 8
 TOLERANCE = 1e-10
-SINGULAR = 1e-8
+MAX_SINGULAR_SHARE = 1e-8
 """A random effect counts as zero if its variance is at most this share of the residual variance."""
 NOT_CONVERGED = "the values do not separate variance between and within participants"
 
@@ -28,33 +28,37 @@ NOT_CONVERGED = "the values do not separate variance between and within particip
 class MixedFit:
     """Coefficients (p,), variances (v,) with the residual variance last, and covariances.
 
-    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``slopes`` (v, p, p):
-    derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance of the
-    estimated variances.
+    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``covariance_derivatives``
+    (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance
+    of the estimated variances.
     """
 
     coefficients: FloatArray
     variances: FloatArray
     covariance: FloatArray
     adjusted: FloatArray
-    slopes: FloatArray
+    covariance_derivatives: FloatArray
     variance_covariance: FloatArray
 
     @property
     def zero_variances(self) -> list[int]:
         """Indices of random effects with zero or negative variance. If there are any, the fit is singular."""
         *groups, single = self.variances.tolist()
-        return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
+        return [
+            place for place, variance in enumerate(groups) if variance <= MAX_SINGULAR_SHARE * abs(single)
+        ]
 
     def estimate(self, contrast: FloatArray) -> Estimate:
         """Estimate of a contrast (p,), by Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
-        slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
-        spread = float(slopes @ self.variance_covariance @ slopes)
+        gradient = np.einsum("i,vij,j->v", contrast, self.covariance_derivatives, contrast)
+        spread = float(gradient @ self.variance_covariance @ gradient)
         if not spread > 0.0:
             raise FitError(NOT_CONVERGED)
         value = float(contrast @ self.coefficients)
-        return Estimate.of(value, float(contrast @ self.adjusted @ contrast), 2.0 * plain**2 / spread)
+        return Estimate.from_variance(
+            value, float(contrast @ self.adjusted @ contrast), 2.0 * plain**2 / spread
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +112,13 @@ def fit_mixed(
     bend = state.pairs - np.einsum("aij,jk,bkl->abil", state.singles, state.covariance, state.singles)
     middle = np.einsum("ab,abij->ij", variance_covariance, bend)
     adjusted = state.covariance + 2.0 * state.covariance @ middle @ state.covariance
-    slopes = state.covariance @ state.singles @ state.covariance
+    covariance_derivatives = state.covariance @ state.singles @ state.covariance
     return MixedFit(
         scale * state.coefficients,
         scale**2 * variances,
         scale**2 * state.covariance,
         scale**2 * adjusted,
-        slopes,
+        covariance_derivatives,
         scale**4 * variance_covariance,
     )
 

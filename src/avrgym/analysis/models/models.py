@@ -15,7 +15,7 @@ from avrgym.analysis.columns import (
     IsSimulated,
     Note,
     PHolm,
-    Planned,
+    PlanStatus,
     PPrimary,
     PValue,
     Quantity,
@@ -101,7 +101,7 @@ class ModelRow:
         float | None, Column("Largest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
     ] = None
     role: Role = ""
-    planned: Planned = ""
+    plan_status: PlanStatus = ""
     note: Note = ""
 
 
@@ -164,33 +164,33 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def trial_values(
-    design: Design, seen: StudyData, simulated: bool, source: ModelGroup
+    design: Design, data: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
     """Values of each quantity of a group in counted trials, of people or of simulated participants."""
     counted = {
-        (row.participant, row.position) for row in seen.trials if row.counted and row.simulated is simulated
+        (row.participant, row.position) for row in data.trials if row.counted and row.simulated is simulated
     }
-    course = trial_positions(design, seen.attempts)
+    course = trial_positions(design, data.attempts)
     found: dict[str, list[TrialValue]] = {quantity: [] for quantity in source.models}
-    for quantity, key, value in _values(seen, source):
+    for quantity, key, value in _values(data, source):
         if quantity in found and key in counted and key in course:
             found[quantity].append(replace(course[key], value=value))
     return found
 
 
-def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
+def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
     """Quantity, trial and value from the group's table."""
     if source.rows == ANSWERS:
-        for row in seen.answers:
+        for row in data.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
                 yield row.item, (row.participant, row.position), float(row.value)
     elif source.rows == SCORES:
-        for row in seen.scores:
+        for row in data.scores:
             about = row.counted and row.position is not None and row.questionnaire == source.questionnaire
             if about and row.score is not None and row.position is not None:
                 yield row.scale, (row.participant, row.position), row.score
     else:
-        for row in seen.trials:
+        for row in data.trials:
             if row.success is not None:
                 yield SUCCESS, (row.participant, row.position), float(row.success)
             if row.reward is not None:
@@ -219,16 +219,16 @@ def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[Tria
     return found
 
 
-def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> list[ModelRow]:
+def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> list[ModelRow]:
     """Every effect on every quantity, separately for people and simulated participants.
 
     Effects in ``plan`` are confirmatory.
     """
     rows: list[ModelRow] = []
-    for simulated in sorted({row.simulated for row in seen.trials if row.counted}):
+    for simulated in sorted({row.simulated for row in data.trials if row.counted}):
         for source in model_groups(design):
-            rows += group_rows(design, source, simulated, trial_values(design, seen, simulated, source))
-    return [replace(row, planned=_label(plan, row)) for row in rows]
+            rows += group_rows(design, source, simulated, trial_values(design, data, simulated, source))
+    return [replace(row, plan_status=_label(plan, row)) for row in rows]
 
 
 def group_rows(

@@ -37,7 +37,7 @@ class OrdinalFit:
     def estimate(self, contrast: FloatArray) -> Estimate:
         """Estimate of a contrast (p,) in log odds. Student's t has one degree of freedom fewer than clusters."""
         variance = float(contrast @ self.covariance @ contrast)
-        return Estimate.of(float(contrast @ self.coefficients), variance, self.clusters - 1)
+        return Estimate.from_variance(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
 
 def fit_ordinal(

@@ -60,7 +60,7 @@ def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
     """A table of effects. Columns with the same value in all rows are omitted."""
     corrected = any(row.p_primary is not None for row in rows)
-    planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
+    planned, noted = any(row.plan_status != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
         "Quantity", "Groups", "n", "Effect [95 % CI]", "p", "p, Holm", *(["p, corrected"] if corrected else []),
         "Leave-one-out", "p", "Role",
@@ -71,7 +71,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
             row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect_text(row), p_text(row.p),
             p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
             _leave_one_out(row), _probabilities(row), row.role,
-            *([row.planned] if planned else []), *([row.note] if noted else []),
+            *([row.plan_status] if planned else []), *([row.note] if noted else []),
         )
         for row in rows
     ]  # fmt: skip

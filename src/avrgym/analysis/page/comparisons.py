@@ -53,7 +53,7 @@ TESTS_BY_TRIAL = (
 
 def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
     """A table of tests, with their plan status if there is a plan."""
-    planned, corrected = any(row.planned for row in rows), any(row.p_primary is not None for row in rows)
+    planned, corrected = any(row.plan_status for row in rows), any(row.p_primary is not None for row in rows)
     heads = (
         "Quantity", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
         "Effect size [95 % CI]", "Test", "Role", *(["Plan"] if planned else []),
@@ -65,7 +65,7 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
             f"{short_number(row.median_a)} / {short_number(row.median_b)}",
             p_text(row.p), p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
             interval_text(row.effect, row.effect_low, row.effect_high),
-            f"{row.test}, {row.note or row.method}", row.role, *([row.planned] if planned else []),
+            f"{row.test}, {row.note or row.method}", row.role, *([row.plan_status] if planned else []),
         )
         for row in rows
     ]  # fmt: skip

@@ -27,7 +27,7 @@ _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "
 }
 """Colours for a page (light or dark), by the colours for a file that they replace."""
 WIDTH_IN = 5.0
-LETTER_WIDTH_IN = 0.066
+CHARACTER_WIDTH_IN = 0.066
 """Estimated width of a character in ticks, legends and items, slightly above the mean."""
 GROUP_WIDTH = 0.8
 """Width of a group of bars, relative to the distance between groups."""
@@ -99,14 +99,14 @@ def add_legend(figure: Figure, columns: int) -> None:
             if not isinstance(handle, Line2D) or np.size(handle.get_xdata()):
                 named.setdefault(label, handle)
     if named:
-        room = figure.get_figwidth() / (0.6 + LETTER_WIDTH_IN * max(map(len, named)))
+        room = figure.get_figwidth() / (0.6 + CHARACTER_WIDTH_IN * max(map(len, named)))
         ncols = max(1, min(columns, int(room)))
         figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=ncols)
 
 
 def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
     """Label the positions 0, 1, … of the x axis. Labels are vertical if they need more than ``width_in``."""
-    longest = LETTER_WIDTH_IN * (1 + max(map(len, names)))
+    longest = CHARACTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 

@@ -30,8 +30,8 @@ from avrgym.study.design.design import Design
 from avrgym.system.jobs import report, run_all
 
 ALPHA = 0.05
-GOALS = (0.8, 0.9)
-CHUNK = 100
+TARGET_POWERS = (0.8, 0.9)
+STUDIES_PER_JOB = 100
 """Number of studies in one job of a process."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
@@ -62,7 +62,7 @@ class PowerRow:
     corrected_power_high: float
 
 
-def default_sizes(design: Design) -> tuple[int, ...]:
+def default_participant_numbers(design: Design) -> tuple[int, ...]:
     """Default numbers of participants: multiples of the number of orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
@@ -102,7 +102,10 @@ def simulate_power(
             raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {SCALE_POINTS}")
     SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
-    chunks = [range(begin, min(begin + CHUNK, simulations)) for begin in range(0, simulations, CHUNK)]
+    chunks = [
+        range(begin, min(begin + STUDIES_PER_JOB, simulations))
+        for begin in range(0, simulations, STUDIES_PER_JOB)
+    ]
     arguments = [(design, assumptions, *each, seed, chunk) for each in wanted for chunk in chunks]
     total = simulations * len(wanted)
     found = run_all(_count_and_report, arguments, jobs, lambda done: progress(done, total))
@@ -217,9 +220,9 @@ def _primary(
 
 
 def required_participants(
-    rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float
+    rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float
 ) -> int | None:
-    """Required number of participants: from this simulated number on, corrected power is at least ``goal``.
+    """Required number of participants: from this simulated number on, corrected power is at least ``target_power``.
 
     ``None`` if no simulated number is enough.
     """
@@ -229,7 +232,7 @@ def required_participants(
     )
     reached: int | None = None
     for row in reversed(own):
-        if row.corrected_power < goal:
+        if row.corrected_power < target_power:
             break
         reached = row.participants
     return reached

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from math import ceil
 from typing import Any
 
-from avrgym.analysis.power.power import ALPHA, GOALS, PowerRow, required_participants
+from avrgym.analysis.power.power import ALPHA, TARGET_POWERS, PowerRow, required_participants
 from avrgym.analysis.power.simulated_studies import Assumptions
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT
 from avrgym.study.design.design import Design
@@ -29,11 +29,11 @@ def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> lis
     """Required numbers of completed and of enrolled participants; ``None`` if no simulated number is enough."""
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
-        for goal in GOALS:
-            number = required_participants(rows, effect, test, measure, goal)
+        for target_power in TARGET_POWERS:
+            number = required_participants(rows, effect, test, measure, target_power)
             taken_in = None if number is None else ceil(number / (1.0 - assumptions.dropout))
             found.append(
-                {"effect": effect, "test": test, "measure": measure, "power": goal}
+                {"effect": effect, "test": test, "measure": measure, "power": target_power}
                 | {"participants": number, "taken_in": taken_in}
             )
     return found
@@ -45,7 +45,10 @@ def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     return [
         {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
         | {f"n={size}": _power(rows, effect, test, measure, size) for size in sizes}
-        | {f"{100 * goal:.0f} % at": _number(rows, effect, test, measure, goal) for goal in GOALS}
+        | {
+            f"{100 * target_power:.0f} % at": _number(rows, effect, test, measure, target_power)
+            for target_power in TARGET_POWERS
+        }
         for effect, test, measure in _tests(rows)
     ]
 
@@ -65,8 +68,8 @@ def _power(rows: Sequence[PowerRow], effect: float, test: str, measure: str, siz
     return f"{100 * row.corrected_power:.0f}±{half:.0f}"
 
 
-def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> str:
-    number = required_participants(rows, effect, test, measure, goal)
+def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float) -> str:
+    number = required_participants(rows, effect, test, measure, target_power)
     maximum = max(row.participants for row in rows)
     return f"over {maximum}" if number is None else str(number)
 

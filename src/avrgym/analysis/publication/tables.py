@@ -126,7 +126,7 @@ def _models_table(analysis: Analysis, simulated: bool) -> PublicationTable:
     rows = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, effect_text(row),
-            p_text(row.p), p_text(row.p_holm), row.role, row.planned, row.note,
+            p_text(row.p), p_text(row.p_holm), row.role, row.plan_status, row.note,
         )
         for row in analysis.models
         if row.simulated is simulated and row.effect == POLICIES

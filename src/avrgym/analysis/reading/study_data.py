@@ -315,7 +315,9 @@ def _terms(row: TrialRow, measured: TrialSeries) -> list[TermRow]:
 def _attempt(exported: ExportedAttempt) -> AttemptRow:
     attempt = exported.attempt
     metrics = asdict(attempt.metrics)
-    return AttemptRow(**vars(exported.labels()), state=attempt.state, **metrics, recording=attempt.recording)
+    return AttemptRow(
+        **vars(exported.identifiers()), state=attempt.state, **metrics, recording=attempt.recording
+    )
 
 
 def _participant(store: Store, participant: Participant, found: StudyData) -> ParticipantRow:

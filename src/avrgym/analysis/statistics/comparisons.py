@@ -21,7 +21,7 @@ from avrgym.analysis.columns import (
     MedianB,
     Note,
     PHolm,
-    Planned,
+    PlanStatus,
     PPrimary,
     PValue,
     Quantity,
@@ -61,7 +61,7 @@ class ComparisonRow:
     effect_high: EffectHigh
     note: Note
     role: Role = ""
-    planned: Planned = ""
+    plan_status: PlanStatus = ""
 
 
 TRIAL, PARTICIPANT = "trial", "participant"

@@ -9,7 +9,7 @@ from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.recording import answers_file
 from avrgym.recording.reader import Recording, RecordingError, read_recording
 from avrgym.recording.schema import Metrics
-from avrgym.recording.streams import SampleTimes, streams_by_name, times_of
+from avrgym.recording.streams import SampleTimes, stream_sample_times, streams_by_name
 from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
@@ -18,12 +18,12 @@ from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.checking.policy_files import check_policies_used
-from avrgym.study.checking.preflight import check_starts, policy_faults
+from avrgym.study.checking.preflight import check_starts, policy_errors
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.design.design import Design
 from avrgym.study.people.retention import describe_due, recordings_deleted, today
-from avrgym.study.storage.answers import answered_in_visit, has_open_questionnaire, was_left_open
+from avrgym.study.storage.answers import answered_in_visit, had_open_questionnaire, has_open_questionnaire
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.rows import (
     RECORDINGS,
@@ -101,7 +101,7 @@ def check_due(store: Store) -> Iterator[Finding]:
 
 def check_policies(store: Store) -> Iterator[Finding]:
     """Policies that cannot be loaded."""
-    return (Finding(f"policy {name}", fault) for name, fault in policy_faults(store))
+    return (Finding(f"policy {name}", fault) for name, fault in policy_errors(store))
 
 
 def _check_participant(
@@ -192,7 +192,7 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
     """The finding about missing answers after a completed trial."""
     with store.database.read() as connection:
         opened, still_open = (
-            was_left_open(connection, attempt),
+            had_open_questionnaire(connection, attempt),
             has_open_questionnaire(store, connection, attempt),
         )
     items = ", ".join(missing)
@@ -244,7 +244,10 @@ def _check_recording(
 
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
     """The sample times of each stream of other devices."""
-    return ((name, times_of(recording.topics, name)) for name in sorted(streams_by_name(recording.topics)))
+    return (
+        (name, stream_sample_times(recording.topics, name))
+        for name in sorted(streams_by_name(recording.topics))
+    )
 
 
 def _jumped(stream: str, times: SampleTimes) -> str:

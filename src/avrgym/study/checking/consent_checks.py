@@ -8,7 +8,7 @@ from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import FILE
 from avrgym.study.people.consents import consenting_participants, consents_to_other_texts, current_text
 from avrgym.study.storage.rows import Consent, ConsentText
-from avrgym.study.storage.sites import site_of
+from avrgym.study.storage.sites import site_number_of
 from avrgym.study.storage.store import Store, find_all
 from avrgym.texts.interface_texts import normalize_whitespace
 
@@ -54,7 +54,7 @@ def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterato
     read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
     for each in consents:
         if each.sha256 in words and each.version is not None:
-            use = site_of(each.participant), each.version, each.language or ""
+            use = site_number_of(each.participant), each.version, each.language or ""
             read[use][words[each.sha256]].append(each)
     for (_, version, _), texts in read.items():
         if len(texts) > 1:

@@ -17,7 +17,7 @@ from avrgym.study.storage.rows import RECORDINGS
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import exposed, make_private, unfinished
+from avrgym.system.files import exposed_paths, restrict_to_owner, unfinished
 
 _GONE = ("excluded", "withdrawn", UNKNOWN)
 """States of participants who are excluded from analyses."""
@@ -39,10 +39,10 @@ def check_database(store: Store) -> Iterator[Finding]:
 
 def check_private(store: Store) -> Iterator[Finding]:
     """Findings about file permissions, temporary files and the identity file."""
-    for path in exposed(store.folder / identity_file.FOLDER):
+    for path in exposed_paths(store.folder / identity_file.FOLDER):
         yield Finding(str(path.relative_to(store.folder)), "can be read by other users")
     for name in _PRIVATE:
-        others = len(list(exposed(store.folder / name)))
+        others = len(list(exposed_paths(store.folder / name)))
         if others:
             message = (
                 f"{others} files or folders can be read by other users; --fix-permissions restricts them"
@@ -104,4 +104,4 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
 def fix_permissions(store: Store) -> None:
     """Restrict the study's files to their owner. Raises ``OSError`` if this is not allowed."""
     for name in (identity_file.FOLDER, *_PRIVATE):
-        make_private(store.folder / name)
+        restrict_to_owner(store.folder / name)

@@ -27,7 +27,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
             yield Finding(participant.pseudonym, message)
     for gone in store.tombstones():
         if any((store.folder / RECORDINGS / pseudonym_of(gone.number)).rglob("*")):
-            yield Finding(pseudonym_of(gone.number), recordings_came_back(gone.deleted_at))
+            yield Finding(pseudonym_of(gone.number), restored_recordings_message(gone.deleted_at))
 
 
 def _check_list(store: Store) -> Iterator[Finding]:
@@ -82,7 +82,7 @@ _CLOCK = timedelta(minutes=1)
 """Allowed difference between the clocks of two computers."""
 
 
-def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
+def list_error(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
     """The error of the participation list, such as "is missing"; empty if the list is valid.
 
     ``beginnings``: time of each participant's first recording, by number.
@@ -98,7 +98,7 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
     return next(_faults(store, listed, beginnings), "")
 
 
-def recordings_came_back(deleted_at: str) -> str:
+def restored_recordings_message(deleted_at: str) -> str:
     """Error message for a deleted participant whose recordings exist again, for example from a backup."""
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
@@ -107,8 +107,8 @@ def recordings_came_back(deleted_at: str) -> str:
 
 
 def _faults(store: Store, listed: Participation, beginnings: Mapping[int, datetime]) -> Iterator[str]:
-    end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_digest)
-    if end is not None and end.list_digest != listed.list_digest:
+    end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_id)
+    if end is not None and end.list_id != listed.list_id:
         yield "is of another study than the earlier list in this folder"
     elif end is not None and not listed.contains(end.digest):
         yield "was replaced by an older copy: this computer has stored later entries"

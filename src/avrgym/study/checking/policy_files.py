@@ -65,7 +65,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
     if source in packaged:
         return source, packaged[source]
     if plugin is not None:
-        return plugins.described(plugin), controllers.python_file(plugin.value)
+        return plugins.describe_entry_point(plugin), controllers.python_file(plugin.value)
     if Path(source).is_file():
         return Path(source).relative_to(store.folder).as_posix(), Path(source)
     return source, controllers.python_file(source) if ":" in source else None

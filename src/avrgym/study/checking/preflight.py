@@ -50,7 +50,7 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
     return tuple(sorted(found, key=lambda plugin: plugin.label))
 
 
-def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
+def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
     """Name and error message of each policy that cannot be loaded."""
     for environment, name in policies_needed(store):
         try:

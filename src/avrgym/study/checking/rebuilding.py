@@ -14,7 +14,7 @@ from avrgym.recording import answers_file
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
 from avrgym.recording.writer import end_cut_recording
-from avrgym.study.checking.participation_checks import list_fault, recordings_came_back
+from avrgym.study.checking.participation_checks import list_error, restored_recordings_message
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
@@ -123,7 +123,7 @@ class _Rebuilding:
         numbers = used_numbers(store.folder)
         self._visits = {number: self._load_visits(number) for number in sorted(numbers)}
         self._listed = store.participation()
-        self._fault = list_fault(store, self._listed, self._beginnings())
+        self._fault = list_error(store, self._listed, self._beginnings())
 
     def done(self) -> RebuildSummary:
         return RebuildSummary(
@@ -182,7 +182,7 @@ class _Rebuilding:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
         hash_chain.insert(connection, schema.TOMBSTONE, **row)
         if self._visits[number]:
-            self._left_out.append(f"{pseudonym_of(number)}: {recordings_came_back(content['at'])}")
+            self._left_out.append(f"{pseudonym_of(number)}: {restored_recordings_message(content['at'])}")
 
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
@@ -350,7 +350,7 @@ class _Rebuilding:
             record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
-        late = answers_file.answer_times(self._store.folder / recorded.name)
+        late = answers_file.answer_timestamps(self._store.folder / recorded.name)
         for time_ns, answer in latest.values():
             given = late.get(answer.item) or _stored(recorded.began_at + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)

@@ -20,7 +20,7 @@ Block = tuple[int, int, int]
 """Numbers in a block: all units, units in the group, selected units."""
 
 
-def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
+def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
     """Exact two-sided p for the number of selected units in a group, if all units of a block are equally likely.
 
     The number is a sum of hypergeometric variables, one for each block. p is the total probability of all sums that are
@@ -151,7 +151,7 @@ def _p(
     for each in trials:
         blocks[each.participant.number, each.trial.task].append(each)
     sizes = [(len(own), sum(map(in_group, own)), sum(map(drawn, own))) for own in blocks.values()]
-    return draws_p(sizes, sum(in_group(each) and drawn(each) for each in trials))
+    return selection_p_value(sizes, sum(in_group(each) and drawn(each) for each in trials))
 
 
 def _in(group_of: Callable[[AttemptedTrial], str], group: str) -> Callable[[AttemptedTrial], bool]:

@@ -11,8 +11,8 @@ from avrgym.study.storage.audit_log import (
     OWN_TOKEN,
     REFUSED,
     SHARED_TOKEN,
+    SHARED_TOKEN_NAME,
     SPECTATORS_TOKEN,
-    UNNAMED,
     Actor,
     add_entry,
 )
@@ -31,7 +31,7 @@ def actor_of(caller: Caller) -> Actor:
     """The person who uses a token."""
     if caller.name:
         return Actor(caller.name, OWN_TOKEN)
-    return Actor(UNNAMED, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
+    return Actor(SHARED_TOKEN_NAME, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
 
 
 @dataclass

@@ -31,7 +31,7 @@ from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
-SHORT_BYTES = 2_000_000_000
+MIN_FREE_BYTES = 2_000_000_000
 """Minimum free disk space in bytes. A recorded trial of 20 s has a few MB."""
 
 
@@ -217,7 +217,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 def _short(store: Store) -> Iterator[str]:
     """A warning about low disk space."""
     free = shutil.disk_usage(store.folder).free
-    if free < SHORT_BYTES:
+    if free < MIN_FREE_BYTES:
         yield (
             f"The disk of {store.folder} has {free / 1e9:.1f} GB left; recordings stop when it is full. "
             "Free disk space before the next session."

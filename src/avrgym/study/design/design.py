@@ -184,8 +184,8 @@ def read_design(path: Path) -> Design:
     return parse_design(read_text(path), str(path), path.parent)
 
 
-def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
-    """Parse a design in TOML; ``name``: the file's name for error messages.
+def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Design:
+    """Parse a design in TOML; ``file_name``: the file's name for error messages.
 
     ``folder``: the study's folder, which contains translations and texts of validated questionnaires.
 
@@ -194,7 +194,7 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
     """
     return parse_toml(
         text,
-        name,
+        file_name,
         Design,
         _TABLES,
         lambda design: _check(design, folder),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
-from avrgym.questionnaires.stop_rules import THEN, StopRules
+from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopRules
 from avrgym.study.design.instruments import check_use
 from avrgym.study.design.validation import ValidationError, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_lines import Place
@@ -48,7 +48,7 @@ def check_stop_rules(rules: StopRules) -> None:
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
         check_known((*place, "item"), rule.item, items)
-        check_choice((*place, "then"), rule.then, THEN)
+        check_choice((*place, "then"), rule.then, STOP_ACTIONS)
         least, most = rules.value_range(rule.item)
         if not least < rule.at_least <= most:
             raise ValidationError(

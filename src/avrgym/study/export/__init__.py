@@ -108,7 +108,7 @@ def _write(
     if left_out:
         write_csv(
             folder / LEFT_OUT,
-            [LeftOutRow(**vars(each.attempt.labels()), reason=each.reason) for each in left_out],
+            [LeftOutRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
         )
 
 

@@ -107,7 +107,7 @@ def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
 
 def _scan(exported: ExportedAttempt) -> dict[str, Any]:
     metrics = exported.attempt.metrics
-    labels = exported.labels()
+    labels = exported.identifiers()
     moment = exported.attempt.started_at.removesuffix("+00:00")
     return {
         "filename": f"motion/{_run_name(exported)}_motion.tsv",

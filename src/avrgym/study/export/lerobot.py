@@ -99,7 +99,8 @@ def _episode(
         for name, value in statistics(values).items()
     }
     labels = {
-        f"study/{name}": "" if value is None else value for name, value in vars(exported.labels()).items()
+        f"study/{name}": "" if value is None else value
+        for name, value in vars(exported.identifiers()).items()
     }
     return {
         "episode_index": number,

@@ -50,7 +50,7 @@ def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) ->
     succeeded = [control.success for control in steps]
     group["infos/success"] = np.array(succeeded[:1] + succeeded)
     group.attrs.update({"id": number, "seed": exported.trial.seed, "total_steps": len(steps)})
-    for name, value in vars(exported.labels()).items():
+    for name, value in vars(exported.identifiers()).items():
         group.attrs[name] = "" if value is None else value
     return len(steps), observations.shape[1], actions.shape[1]
 

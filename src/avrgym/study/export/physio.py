@@ -17,7 +17,7 @@ GAZE = "gaze"
 AXES = ("x", "y")
 COORDINATES = ("x_coordinate", "y_coordinate")
 """BIDS names of the gaze coordinates."""
-OF_EYES = {
+EYE_TRACKING_FIELDS = {
     "PhysioType": "eyetrack",
     "RecordedEye": "cyclopean",
     "SampleCoordinateSystem": "custom",
@@ -36,7 +36,7 @@ CORRECTED = (
 class Series:
     """Samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
 
-    ``columns``: column names. ``labels`` and ``units``: the device's channel names and units. ``corrections``:
+    ``columns``: column names. ``labels`` and ``units``: the device's channel names and units. ``time_corrections``:
     description of time corrections, empty without any.
     """
 
@@ -46,7 +46,7 @@ class Series:
     units: Sequence[str]
     time_s: FloatArray
     values: FloatArray
-    corrections: Mapping[str, Any]
+    time_corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
         """Time and values of each sample; ``None`` for values that are not finite."""
@@ -66,10 +66,10 @@ class Series:
             "SamplingFrequency": stream.rate_hz or came_hz,
             "StartTime": float(self.time_s[0]),
             "Columns": ["timestamp", *self.columns],
-            **(OF_EYES if is_gaze else {"PhysioType": "generic"}),
+            **(EYE_TRACKING_FIELDS if is_gaze else {"PhysioType": "generic"}),
             "ManufacturersModelName": stream.source,
             "Description": f"{stream.kind} by Lab Streaming Layer.",
-            "timestamp": {**TIMESTAMP, **self.corrections},
+            "timestamp": {**TIMESTAMP, **self.time_corrections},
             **about,
         }
 
@@ -95,8 +95,10 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
-    """Time corrections of each text stream, by name."""
-    found = {name: corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)}
+    """time corrections of each text stream, by name."""
+    found = {
+        name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)
+    }
     return {name: each for name, each in found.items() if each}
 
 
@@ -105,7 +107,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
         yield name, [each for each in stream_chunks(topics, name) if each[1].texts]
 
 
-def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
+def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     """Description of a stream's time corrections, for the JSON file; empty without corrections."""
     if not times.resets and not times.raised:
         return {}
@@ -139,7 +141,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
         [_at(stream.units, i, "n/a") for i in column_order],
         times.time_s - start_s,
         values[:, column_order],
-        corrections(times, start_s),
+        time_corrections(times, start_s),
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.functioning import functioning_counts, functioning_rows
 from avrgym.study.export.rows import AdverseEventRow, EventRow, LogRow, NoteRow
-from avrgym.study.export.table_files import as_mapping, write_json, write_tsv
+from avrgym.study.export.table_files import row_values, write_json, write_tsv
 from avrgym.study.people.adverse_events import group_by_event
 from avrgym.study.storage.audit_log import ADD_EXPERIMENTER, REVOKE_EXPERIMENTER, site_names
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt, pseudonym_of
@@ -159,7 +159,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
 def write_table(folder: Path, name: str, rows: Rows) -> None:
     """Write a table as TSV, and the descriptions of its columns as JSON."""
     columns = TABLES[name]
-    write_tsv(folder / f"{name}.tsv", [list(columns), *(list(as_mapping(row).values()) for row in rows)])
+    write_tsv(folder / f"{name}.tsv", [list(columns), *(list(row_values(row).values()) for row in rows)])
     write_json(folder / f"{name}.json", {name: _described(column) for name, column in columns.items()})
 
 

@@ -22,7 +22,7 @@ ENV_TYPE_GYM = 2
 """robomimic's number for Gym environments."""
 ENV_MODULE = "old_gym"
 """The module that Gym imports before it creates an environment."""
-OBSERVATION, ALSO = "observation", "flat"
+OBSERVATION, OBSERVATION_ALIAS = "observation", "flat"
 
 
 def write(
@@ -76,7 +76,7 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: 
     """Write one trial. Returns the number of samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
-    for name, value in vars(exported.labels()).items():
+    for name, value in vars(exported.identifiers()).items():
         group.attrs[name] = "" if value is None else value
     group.attrs["seed"] = exported.trial.seed
     group.attrs["num_samples"] = len(steps)
@@ -90,5 +90,5 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: 
         group[f"obs/{name}"] = images
         group[f"next_obs/{name}"] = np.concatenate([images[1:], images[-1:]])
     for place in ("obs", "next_obs"):
-        group[f"{place}/{ALSO}"] = group[f"{place}/{OBSERVATION}"]
+        group[f"{place}/{OBSERVATION_ALIAS}"] = group[f"{place}/{OBSERVATION}"]
     return len(steps)

@@ -9,7 +9,7 @@ from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
-from avrgym.study.storage.audit_log import KNOWN_BY
+from avrgym.study.storage.audit_log import IDENTIFICATION_METHODS
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.system.columns import TIME, Column
 from avrgym.tasks.registry import TASKS
@@ -170,7 +170,7 @@ class TrialRow:
 
 
 @dataclass(frozen=True)
-class AttemptLabels:
+class AttemptIdentifiers:
     """Fields that identify one attempt."""
 
     participant: Pseudonym
@@ -186,7 +186,7 @@ class AttemptLabels:
 
 
 @dataclass(frozen=True)
-class AttemptRow(AttemptLabels):
+class AttemptRow(AttemptIdentifiers):
     """One attempt at a trial."""
 
     state: Annotated[str, Column("How the attempt ended, or that it runs.", allowed=_one_of(*ATTEMPT))]
@@ -212,14 +212,14 @@ class AttemptRow(AttemptLabels):
 
 
 @dataclass(frozen=True)
-class LeftOutRow(AttemptLabels):
+class LeftOutRow(AttemptIdentifiers):
     """An attempt whose recording was omitted."""
 
     reason: Annotated[str, Column("Why the recording was left out.")]
 
 
 @dataclass(frozen=True)
-class ControlStepRow(AttemptLabels):
+class ControlStepRow(AttemptIdentifiers):
     """One control step. The export adds columns for reward terms and actions."""
 
     step: Annotated[int, Column("Number of the control step in the trial.", allowed=_FROM_1)]
@@ -237,7 +237,7 @@ class ControlStepRow(AttemptLabels):
 
 
 @dataclass(frozen=True)
-class AnswerLabels:
+class AnswerIdentifiers:
     """Fields that identify an answer. Answers about a whole session have no trial."""
 
     participant: Pseudonym
@@ -255,7 +255,7 @@ class AnswerLabels:
 
 
 @dataclass(frozen=True)
-class AnswerRow(AnswerLabels):
+class AnswerRow(AnswerIdentifiers):
     """One answer to an item."""
 
     item: Annotated[
@@ -295,7 +295,7 @@ class ItemRow:
 
 
 @dataclass(frozen=True)
-class ScoreRow(AnswerLabels):
+class ScoreRow(AnswerIdentifiers):
     """One score of a validated questionnaire."""
 
     instrument: InstrumentName
@@ -338,7 +338,9 @@ class LogRow:
     site: Site
     at: Annotated[str, _utc("Time of the action.")]
     person: Annotated[str, Column("Person, by number; with --free-text, by the name of a token or account.")]
-    known_by: Annotated[str, Column("How the person is identified.", allowed=_one_of(*KNOWN_BY))]
+    known_by: Annotated[
+        str, Column("How the person is identified.", allowed=_one_of(*IDENTIFICATION_METHODS))
+    ]
     name: Annotated[str, Column("The action.", allowed="see Log in docs/how_to/run_sessions.md")]
     participant: Annotated[str | None, Column("Pseudonym of its participant.", empty="it has none")]
     detail: Annotated[

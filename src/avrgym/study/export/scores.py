@@ -34,7 +34,7 @@ class Score:
         minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
-            **vars(self.answers[-1].labels()),
+            **vars(self.answers[-1].identifiers()),
             instrument=self.instrument.name,
             scale=self.scale,
             score=self.value,

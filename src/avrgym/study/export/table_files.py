@@ -21,7 +21,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
     heading = list(columns)
     with open_new_csv(path) as file:
         writer = csv.writer(file)
-        for number, row in enumerate(map(as_mapping, rows)):
+        for number, row in enumerate(map(row_values, rows)):
             if number == 0:
                 heading = []
                 writer.writerow(row)
@@ -30,7 +30,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
             writer.writerow(heading)
 
 
-def as_mapping(row: object) -> Mapping[str, Any]:
+def row_values(row: object) -> Mapping[str, Any]:
     """The row's values by column."""
     return row if is_table(row) else vars(row)
 

@@ -198,7 +198,7 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[TrialRow]
 def _attempt(exported: ExportedAttempt, heights: Heights) -> AttemptRow:
     attempt = exported.attempt
     return AttemptRow(
-        **vars(exported.labels()),
+        **vars(exported.identifiers()),
         state=attempt.state,
         started_at=attempt.started_at,
         ended_at=attempt.ended_at,
@@ -212,7 +212,7 @@ def _attempt(exported: ExportedAttempt, heights: Heights) -> AttemptRow:
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
     terms, joints = reward_terms(store.design), range(action_size(store.design))
     for exported in completed:
-        labels = vars(exported.labels())
+        labels = vars(exported.identifiers())
         for time_s, control in exported.control_steps():
             unknown = set(control.reward_terms) - set(terms)
             if unknown:

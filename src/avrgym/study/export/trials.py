@@ -17,7 +17,7 @@ from avrgym.recording.reader import (
 from avrgym.recording.schema import Control
 from avrgym.recording.world import recorded_images
 from avrgym.robots.registry import find_robot
-from avrgym.study.export.rows import AnswerLabels, AnswerRow, AttemptLabels
+from avrgym.study.export.rows import AnswerIdentifiers, AnswerRow, AttemptIdentifiers
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -85,11 +85,11 @@ class ExportedAttempt:
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
-        """Images (steps, ...) of cameras at the start of each control step, by entry, from the recorded states.
+        """Camera images (steps, ...) at the start of each control step, rendered from the recorded states, by entry.
 
         Raises:
-            StudyError: for a camera that the robot does not have, and where the states cannot be rendered.
-            RuntimeError: if no graphics library renders here.
+            StudyError: for a camera that the robot does not have, or if the states cannot be rendered.
+            RuntimeError: if no graphics library can render on this computer.
         """
         if not cameras:
             return {}
@@ -100,9 +100,9 @@ class ExportedAttempt:
             raise StudyError(f"{self.attempt.recording}: {error}") from error
         return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
 
-    def labels(self) -> AttemptLabels:
+    def identifiers(self) -> AttemptIdentifiers:
         """The fields that identify this attempt in tables."""
-        return AttemptLabels(
+        return AttemptIdentifiers(
             participant=self.participant.pseudonym,
             site=self.participant.site,
             simulated=self.participant.simulated,
@@ -156,10 +156,10 @@ class ExportedAnswer:
     questionnaire: Questionnaire
     item: Item
 
-    def labels(self) -> AnswerLabels:
+    def identifiers(self) -> AnswerIdentifiers:
         """The fields that identify this answer in tables."""
         attempt = self.attempt
-        return AnswerLabels(
+        return AnswerIdentifiers(
             participant=self.participant.pseudonym,
             site=self.participant.site,
             simulated=self.participant.simulated,
@@ -178,7 +178,7 @@ class ExportedAnswer:
         """This answer as a row of a table."""
         scale = self.questionnaire.scale_of(self.item)
         return AnswerRow(
-            **vars(self.labels()),
+            **vars(self.identifiers()),
             item=self.item.id,
             value=scale.scale_value(self.stored.value),
             minimum=scale.lowest,

@@ -18,7 +18,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place, line_of
 from avrgym.texts.interface_texts import read_texts
 
-MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
+EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
 """Design fields that must be equal at all sites."""
 NamedStudy = tuple[str, Store]
 """Name of a site, and its study."""
@@ -28,10 +28,10 @@ def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[st
     """Descriptions of the differences between two studies.
 
     Raises:
-        StudyError: for differences that are not ``accepted``, or for a difference in a field of ``MUST_AGREE``.
+        StudyError: for differences that are not ``accepted``, or for a difference in a field of ``EQUAL_FIELDS``.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
-    never = [each for each in designs if each[0][0] in MUST_AGREE]
+    never = [each for each in designs if each[0][0] in EQUAL_FIELDS]
     if never:
         words = "; ".join(_of_designs(a, b, *each) for each in never)
         raise StudyError(

@@ -37,8 +37,8 @@ from avrgym.study.storage.sites import (
     RECORDING_LEFT_OUT,
     SITE_DIFFERS,
     merged_id,
-    merged_number,
-    record_once,
+    merged_participant_number,
+    record_event_once,
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
@@ -190,7 +190,7 @@ def _number(
         number = numbers.setdefault(source.name, len(numbers) + 1)
         differing = find_differences(like, (source.name, source.store), accepted=accepted)
         recordings: dict[int, list[Recording]] = {
-            person: [] for person in source.people if merged_number(number, person) not in gone
+            person: [] for person in source.people if merged_participant_number(number, person) not in gone
         }
         for each in recordings_of(source, number, out):
             if each.participant in recordings:
@@ -205,7 +205,7 @@ def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
     for done, (site, each) in enumerate(everything, start=1):
-        fault = None if each.is_there() else each.fault()
+        fault = None if each.is_transferred() else each.fault()
         if fault is not None:
             site.faults[each.attempt] = fault
         progress(done, len(everything))
@@ -237,7 +237,7 @@ def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
     return MergedSite(
         site=site.source.name,
         participants=len(site.recordings),
-        pseudonyms=_range([merged_number(site.number, person) for person in site.recordings]),
+        pseudonyms=_range([merged_participant_number(site.number, person) for person in site.recordings]),
         recordings=sum(each.target.is_file() for own in site.recordings.values() for each in own),
         recordings_copied=site.copied,
         rows_written=site.written,
@@ -261,7 +261,7 @@ def _merge_participant(
     for each in recordings:
         if each.attempt not in site.faults:
             site.copied += each.copy()
-    number = merged_number(site.number, person)
+    number = merged_participant_number(site.number, person)
     with merged.database.write() as connection:
         if find_all(connection, Tombstone, number=number):
             return  # deleted while this merge ran
@@ -269,7 +269,7 @@ def _merge_participant(
         for each in recordings:
             if each.attempt in site.faults:
                 attempt = merged_id(site.number, each.attempt)
-                record_once(
+                record_event_once(
                     connection,
                     RECORDING_LEFT_OUT,
                     site.faults[each.attempt],
@@ -282,7 +282,7 @@ def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
     """Delete participants that were deleted at the site since an earlier merge. Yields their numbers."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
-        number = merged_number(site.number, row["number"])
+        number = merged_participant_number(site.number, row["number"])
         pseudonym = pseudonym_of(number)
         if number in present or (merged.folder / RECORDINGS / pseudonym).exists():
             delete_participant(merged, pseudonym)
@@ -292,11 +292,11 @@ def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
 def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store the site's deletions, the accepted differences, and the head of its hash chain."""
     for row in site.source.rows["tombstone"]:
-        number = merged_number(site.number, row["number"])
+        number = merged_participant_number(site.number, row["number"])
         if not find_all(connection, Tombstone, number=number):
             hash_chain.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
     for words in site.differing:
-        record_once(connection, SITE_DIFFERS, words)
+        record_event_once(connection, SITE_DIFFERS, words)
     head = site.source.head
     (before,) = find_all(connection, Site, number=site.number)
     if (before.entries, before.digest) != (head.number, head.digest):

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from avrgym.study.design.validation import NAME
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Participant, Site, pseudonym_of
-from avrgym.study.storage.sites import PEOPLE_PER_SITE, site_of
+from avrgym.study.storage.sites import PEOPLE_PER_SITE, site_number_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
@@ -102,7 +102,7 @@ def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequenc
         people: the participants in the merged study.
     """
     before = next((site for site in known if site.name == source.name), None)
-    others = [each for each in people if before is None or site_of(each.number) != before.number]
+    others = [each for each in people if before is None or site_number_of(each.number) != before.number]
     for each in others:
         if (each.site_number, each.enrolled_at) in source.people.items():
             raise StudyError(

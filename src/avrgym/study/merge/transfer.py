@@ -15,7 +15,7 @@ from avrgym.study.plan.frozen_plan import sha256
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
 from avrgym.study.storage.rows import RECORDINGS, participant_number, pseudonym_of
-from avrgym.study.storage.sites import merged_id, merged_number
+from avrgym.study.storage.sites import merged_id, merged_participant_number
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomically
 
@@ -27,7 +27,7 @@ def merged_name(text: str, site: int) -> str:
     match = _IN_RECORDINGS.match(text)
     if match is None:
         return text
-    pseudonym = pseudonym_of(merged_number(site, participant_number(match[1])))
+    pseudonym = pseudonym_of(merged_participant_number(site, participant_number(match[1])))
     return f"{RECORDINGS}/{pseudonym}/{text[match.end() :]}"
 
 
@@ -42,7 +42,7 @@ class Recording:
     target: Path
     sha256: str | None
 
-    def is_there(self) -> bool:
+    def is_transferred(self) -> bool:
         """Whether the merged study contains the recording with the correct checksum."""
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
@@ -148,7 +148,7 @@ def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
     if table is schema.PARTICIPANT:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
     if table is schema.LOG and row["participant"] is not None:
-        moved["participant"] = merged_number(site, row["participant"])
+        moved["participant"] = merged_participant_number(site, row["participant"])
     if name := _NAMING_RECORDINGS.get(table.name):
         moved[name] = merged_name(row[name], site)
     return moved
@@ -163,7 +163,7 @@ def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value
-    return merged_number(site, value) if tables[0] in _BY_NUMBER else merged_id(site, value)
+    return merged_participant_number(site, value) if tables[0] in _BY_NUMBER else merged_id(site, value)
 
 
 def store_rows(connection: sa.Connection, rows: Rows) -> int:

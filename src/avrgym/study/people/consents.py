@@ -84,7 +84,7 @@ def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
 
 
 def restore_consents(
-    store: Store, connection: sa.Connection, number: int, recorded: Iterable[RecordedConsent]
+    store: Store, connection: sa.Connection, participant_number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
     """Restore a participant's consents from recordings: all in order, and the latest in the participant's row.
 
@@ -93,9 +93,9 @@ def restore_consents(
     consents = {each.at: each for each in recorded}
     for _, each in sorted(consents.items()):
         values = msgspec.structs.asdict(each)
-        hash_chain.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
+        hash_chain.insert(connection, schema.CONSENT, participant=participant_number, agreed=True, **values)
         row = {"consented_at": each.at, "consent_version": each.version, "consent_sha256": each.sha256}
-        hash_chain.update(connection, schema.PARTICIPANT, number, **row)
+        hash_chain.update(connection, schema.PARTICIPANT, participant_number, **row)
         shown = current_text(store, each.language or "")
         if shown and (shown.version, shown.sha256) == (each.version, each.sha256):
             _archived(connection, shown, find_all(connection, ConsentText))

@@ -8,7 +8,7 @@ from typing import Self
 
 from avrgym.study.design.validation import NAME
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.audit_log import UNNAMED
+from avrgym.study.storage.audit_log import SHARED_TOKEN_NAME
 from avrgym.study.storage.rows import Experimenter
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -25,9 +25,9 @@ def add_experimenter(store: Store, name: str) -> str:
     Raises:
         StudyError: for an invalid name, or if the experimenter has a token.
     """
-    if not NAME.fullmatch(name) or name == UNNAMED:
+    if not NAME.fullmatch(name) or name == SHARED_TOKEN_NAME:
         raise StudyError(
-            f"{name!r} is not a valid name; allowed: at most 40 letters, digits, - and _, but not {UNNAMED}"
+            f"{name!r} is not a valid name; allowed: at most 40 letters, digits, - and _, but not {SHARED_TOKEN_NAME}"
         )
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with store.database.write() as connection:

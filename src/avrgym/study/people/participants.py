@@ -30,7 +30,7 @@ from avrgym.study.storage.store import (
 from avrgym.study.storage.study_folder import used_numbers
 from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
-CONSENTED_AGAIN = "participant consented again"
+RECONSENTED = "participant consented again"
 """Name of the event of a consent to a new version of the text."""
 
 
@@ -155,7 +155,7 @@ def record_consent(store: Store, pseudonym: str) -> None:
         }
         if again:
             hash_chain.update(connection, schema.PARTICIPANT, participant.number, **values)
-            record_event(connection, CONSENTED_AGAIN, detail, about)
+            record_event(connection, RECONSENTED, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
 

@@ -87,7 +87,7 @@ def _session_values(
     }
 
 
-def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
+def file_deviations(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
     """Differences of a file from its frozen contents."""
     fault, changes = _compare(store, record, name, before, None)
     if fault:
@@ -155,18 +155,18 @@ def deviation(where: str, message: str) -> Finding:
 def deviations(
     store: Store,
     frozen: FrozenPlan,
-    offered: AvailableTests,
+    available_tests: AvailableTests,
     left_out: Sequence[ExcludedTrial] = (),
-    besides: AvailableTests = MappingProxyType({}),
+    optional_tests: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
     """All differences between a study and its frozen plan.
 
     Args:
         store: the study.
         frozen: the frozen plan.
-        offered: the tests of the current analysis.
+        available_tests: the tests of the current analysis.
         left_out: the known excluded trials.
-        besides: optional tests; they are exploratory if the plan does not name them.
+        optional_tests: optional tests; they are exploratory if the plan does not name them.
     """
     found = [Finding(FROZEN, fault) for fault in frozen.faults]
     if frozen.record is None:
@@ -174,7 +174,7 @@ def deviations(
     return [
         *found,
         *design_deviations(store, frozen.record),
-        *changed_file(store, frozen.record, FILE, frozen.record.plan),
+        *file_deviations(store, frozen.record, FILE, frozen.record.plan),
         *_software(frozen.record),
         *_policies(store, frozen.record),
         *_plugins(store, frozen.record),
@@ -182,7 +182,7 @@ def deviations(
         *check_interim_looks(store, frozen.record.parsed().participants),
         *check_repeats(store, tomlkit.parse(frozen.record.design).unwrap().get("max_repeats")),
         *left_out,
-        *_tests(frozen.record, offered, besides),
+        *_tests(frozen.record, available_tests, optional_tests),
     ]
 
 
@@ -254,16 +254,18 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
         yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
-def _tests(record: PlanRecord, offered: AvailableTests, besides: AvailableTests) -> Iterator[Finding]:
+def _tests(
+    record: PlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
+) -> Iterator[Finding]:
     """Tests of the report that are not in the plan, and tests of the plan that are not in the report."""
     plan = record.parsed()
-    for test, measures in offered.items():
+    for test, measures in available_tests.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
         if unplanned:
             message = f"contains a test that is not in the plan: {test} ({'; '.join(unplanned)})"
             yield deviation("the report", message)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
-            done = {*offered.get(test, ()), *besides.get(test, ())}
+            done = {*available_tests.get(test, ()), *optional_tests.get(test, ())}
             if not done & set(hypothesis.measures):
                 yield deviation("the report", f"lacks a planned test of {hypothesis.id}: {test}")

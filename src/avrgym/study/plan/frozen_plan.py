@@ -16,7 +16,7 @@ import sqlalchemy as sa
 
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.policy_files import PolicyFile, policy_files
-from avrgym.study.checking.preflight import plugins_needed, policy_faults
+from avrgym.study.checking.preflight import plugins_needed, policy_errors
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
@@ -65,20 +65,20 @@ class PlanRecord(msgspec.Struct, frozen=True):
         return parse_frozen_plan(self.plan, FROZEN)
 
 
-def freeze_plan(store: Store, offered: AvailableTests) -> PlanRecord:
+def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
     """Freeze the plan in a study's folder.
 
     Args:
         store: the study.
-        offered: the tests of its analysis.
+        available_tests: the tests of its analysis.
 
     Raises:
         DesignError: if the plan is invalid.
         StudyError: after the first participant, if a plan is already frozen, or if a policy cannot be loaded.
         OSError: if a file cannot be read or written. Nothing is stored then.
     """
-    _, text = read_plan(store.folder, store.design, offered)
-    for name, fault in policy_faults(store):
+    _, text = read_plan(store.folder, store.design, available_tests)
+    for name, fault in policy_errors(store):
         raise StudyError(f"nothing was frozen: policy {name}: {fault}")
     record = _record(store, text)
     data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"

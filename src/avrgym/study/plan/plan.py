@@ -68,7 +68,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 _TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
 
 
-def read_plan(folder: Path, design: Design, offered: AvailableTests) -> tuple[Plan, str]:
+def read_plan(folder: Path, design: Design, available_tests: AvailableTests) -> tuple[Plan, str]:
     """Read the plan in a study's folder. Returns the plan and its text.
 
     Raises:
@@ -79,25 +79,25 @@ def read_plan(folder: Path, design: Design, offered: AvailableTests) -> tuple[Pl
     if not (folder / FILE).is_file():
         raise StudyError(f"{folder} contains no {FILE}; `avrgym study freeze {folder}` writes a template")
     text = read_text(folder / FILE)
-    return parse_plan(text, str(folder / FILE), design, offered), text
+    return parse_plan(text, str(folder / FILE), design, available_tests), text
 
 
-def parse_plan(text: str, name: str, design: Design, offered: AvailableTests) -> Plan:
-    """Parse a plan; ``name``: the file's name in error messages. Raises ``DesignError`` as ``read_plan`` does."""
-    return parse_toml(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
+def parse_plan(text: str, file_name: str, design: Design, available_tests: AvailableTests) -> Plan:
+    """Parse a plan; ``file_name``: the file's name in error messages. Raises ``DesignError`` as ``read_plan`` does."""
+    return parse_toml(text, file_name, Plan, _TABLES, lambda plan: _check(plan, design, available_tests))
 
 
-def parse_frozen_plan(text: str, name: str) -> Plan:
+def parse_frozen_plan(text: str, file_name: str) -> Plan:
     """Parse a frozen plan, without validation against the current design and tests."""
-    return parse_toml(text, name, Plan, _TABLES, lambda plan: None)
+    return parse_toml(text, file_name, Plan, _TABLES, lambda plan: None)
 
 
-def _check(plan: Plan, design: Design, offered: AvailableTests) -> None:
+def _check(plan: Plan, design: Design, available_tests: AvailableTests) -> None:
     """Raise ``ValidationError`` for the first value that does not match the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
     for index, test in enumerate(plan.exploratory):
-        _check_known(("exploratory", index), "test", test, offered)
+        _check_known(("exploratory", index), "test", test, available_tests)
     known: set[str] = set()
     for index, hypothesis in enumerate(plan.hypotheses):
         if hypothesis.id in known:
@@ -105,7 +105,7 @@ def _check(plan: Plan, design: Design, offered: AvailableTests) -> None:
                 ("hypotheses", index, "id"), f"{hypothesis.id!r} is used twice; allowed: once"
             )
         known.add(hypothesis.id)
-        _check_hypothesis(("hypotheses", index), hypothesis, offered)
+        _check_hypothesis(("hypotheses", index), hypothesis, available_tests)
 
 
 def _check_equal(place: Place, planned: float, designed: float) -> None:
@@ -113,23 +113,23 @@ def _check_equal(place: Place, planned: float, designed: float) -> None:
         raise ValidationError(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as in {DESIGN}")
 
 
-def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: AvailableTests) -> None:
-    measures = dict.fromkeys(measure for taken in offered.values() for measure in taken)
+def _check_hypothesis(place: Place, hypothesis: Hypothesis, available_tests: AvailableTests) -> None:
+    measures = dict.fromkeys(measure for taken in available_tests.values() for measure in taken)
     for index, test in enumerate(hypothesis.tests):
-        _check_known((*place, "tests", index), "test", test, offered)
+        _check_known((*place, "tests", index), "test", test, available_tests)
     for index, measure in enumerate(hypothesis.measures):
         _check_known((*place, "measures", index), "measure", measure, measures)
-    taken = {measure for test in hypothesis.tests for measure in offered[test]}
+    taken = {measure for test in hypothesis.tests for measure in available_tests[test]}
     for index, measure in enumerate(hypothesis.measures):
         if measure not in taken:
-            fitting = [test for test, measures in offered.items() if measure in measures]
+            fitting = [test for test, measures in available_tests.items() if measure in measures]
             what = (
                 f"no test of {hypothesis.id} has the measure {measure!r}; allowed tests: {_listed(fitting)}"
             )
             raise ValidationError((*place, "measures", index), what)
     for index, test in enumerate(hypothesis.tests):
-        if not set(offered[test]) & set(hypothesis.measures):
-            what = f"{test!r} has no measure of {hypothesis.id}; allowed measures: {_listed(offered[test])}"
+        if not set(available_tests[test]) & set(hypothesis.measures):
+            what = f"{test!r} has no measure of {hypothesis.id}; allowed measures: {_listed(available_tests[test])}"
             raise ValidationError((*place, "tests", index), what)
 
 

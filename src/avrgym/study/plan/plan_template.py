@@ -32,7 +32,7 @@ other = ""
 # Exploratory tests: tests without a hypothesis, for all measures that no hypothesis names. The report contains all
 # below. A test that is neither listed here nor in a hypothesis is a deviation.
 # The tests, each with its measures:
-{offered}
+{available_tests}
 exploratory = {exploratory}
 
 [exclusion]
@@ -57,7 +57,7 @@ tests = {tests}
 
 
 def write_template(
-    folder: Path, design: Design, offered: AvailableTests, hypotheses: Sequence[Hypothesis]
+    folder: Path, design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]
 ) -> Path:
     """Write ``plan.toml`` with suggested hypotheses into a study's folder.
 
@@ -67,13 +67,13 @@ def write_template(
     """
     path = folder / FILE
     try:
-        write_new(path, template(design, offered, hypotheses))
+        write_new(path, template(design, available_tests, hypotheses))
     except FileExistsError:
         raise StudyError(f"{path} exists already and was not changed; edit it, or remove it first") from None
     return path
 
 
-def template(design: Design, offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
+def template(design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
     """Text of a plan for a design."""
     return _TEXT.format(
         title=_toml(design.title),
@@ -83,23 +83,23 @@ def template(design: Design, offered: AvailableTests, hypotheses: Sequence[Hypot
             f"Until {design.participants} participants have completed the study; withdrawn participants are replaced. "
             "No interim analyses."
         ),
-        offered="\n".join(
-            f"#   {_toml(test)}: {_toml(list(measures))}" for test, measures in offered.items()
+        available_tests="\n".join(
+            f"#   {_toml(test)}: {_toml(list(measures))}" for test, measures in available_tests.items()
         ),
-        exploratory=_lines(_not_confirmatory(offered, hypotheses)),
+        exploratory=_lines(_not_confirmatory(available_tests, hypotheses)),
         max_held_share=design.max_held_share,
         hypotheses="".join(_hypothesis(each) for each in hypotheses),
     )
 
 
-def _not_confirmatory(offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> list[str]:
+def _not_confirmatory(available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> list[str]:
     """Tests with at least one measure that is in no hypothesis."""
     confirmatory = {
         (test, measure) for each in hypotheses for test in each.tests for measure in each.measures
     }
     return [
         test
-        for test, measures in offered.items()
+        for test, measures in available_tests.items()
         if any((test, measure) not in confirmatory for measure in measures)
     ]
 

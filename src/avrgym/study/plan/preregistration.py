@@ -26,7 +26,7 @@ NOT_SPECIFIED = "(not specified)"
 NO_DATA_YET = "None: a plan can be frozen only before the first participant."
 
 
-def write_preregistration(store: Store, offered: AvailableTests, form: str) -> Path:
+def write_preregistration(store: Store, available_tests: AvailableTests, form: str) -> Path:
     """Write a study's plan, frozen or not, as the fields of a form.
 
     Raises:
@@ -41,12 +41,12 @@ def write_preregistration(store: Store, offered: AvailableTests, form: str) -> P
     frozen = read_frozen_plan(store)
     if frozen is None:
         check_can_freeze(store)
-        plan, state = read_plan(store.folder, store.design, offered)[0], "Not frozen yet."
+        plan, state = read_plan(store.folder, store.design, available_tests)[0], "Not frozen yet."
     elif frozen.record is None or not frozen.is_confirmatory:
         raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
     else:
         plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
-    text = as_markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, offered))
+    text = as_markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, available_tests))
     return write_draft(store.folder / f"preregistration-{form}.md", text)
 
 
@@ -70,7 +70,7 @@ def as_markdown(title: str, state: str, fields: Fields) -> str:
     return "\n\n".join(lines) + "\n"
 
 
-def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
+def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
     return {
         "Study information": {
             "Title": design.title,
@@ -97,7 +97,7 @@ def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
             "Indices": "By participant: the mean of a participant's trials of a condition. By trial: none.",
         },
         "Analysis plan": {
-            "Statistical models": _tests(plan, offered),
+            "Statistical models": _tests(plan, available_tests),
             "Transformations": "None; differences of zero are left out of signed-rank tests, ties share their rank.",
             "Inference criteria": _inference(),
             "Data exclusion": _exclusion(design, plan),
@@ -108,13 +108,13 @@ def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
     }
 
 
-def _aspredicted(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
+def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
     questions = {
         "Data collected already": NO_DATA_YET,
         "Question or hypothesis": _hypotheses(plan),
         "Dependent variables": _measures(design, plan),
         "Conditions": f"{describe_conditions(design)} {describe_randomization(design)}",
-        "Analyses": f"{_tests(plan, offered)}\n\n{_inference()}",
+        "Analyses": f"{_tests(plan, available_tests)}\n\n{_inference()}",
         "Outliers and exclusions": _exclusion(design, plan),
         "Number of observations": _paragraphs(
             f"{plan.participants} participants.", plan.stopping_rule, plan.sample_size_rationale
@@ -169,9 +169,9 @@ def _measure(design: Design, name: str) -> str:
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 
-def _tests(plan: Plan, offered: AvailableTests) -> str:
+def _tests(plan: Plan, available_tests: AvailableTests) -> str:
     return bullet_list(
-        f"{each.id}: {test} ({'; '.join(name for name in offered.get(test, ()) if name in each.measures)})"
+        f"{each.id}: {test} ({'; '.join(name for name in available_tests.get(test, ()) if name in each.measures)})"
         for each in plan.hypotheses
         for test in each.tests
     )

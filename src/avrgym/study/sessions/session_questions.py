@@ -2,7 +2,7 @@
 
 from concurrent.futures import Future
 
-from avrgym.questionnaires.stop_rules import THEN, StopDecision
+from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopDecision
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.texts.interface_texts import Text
@@ -133,7 +133,9 @@ class SessionQuestions:
         decision = self._visit.store.design.rules.decide(answer.item, answer.value)
         if decision is None:
             return
-        if self.decision is None or THEN.index(decision.then) >= THEN.index(self.decision.then):
+        if self.decision is None or STOP_ACTIONS.index(decision.then) >= STOP_ACTIONS.index(
+            self.decision.then
+        ):
             self.decision = decision
         self._visit.record_event("stop rule met", f"then {decision.then}, why {decision.why}")
         before = f"the session {decision.then}s: " if self.when == "before_session" else ""

@@ -41,9 +41,9 @@ from avrgym.vr.emulation.simulated_participant import (
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-AGES_YEARS = (19, 24)
+AGE_RANGE_YEARS = (19, 24)
 """Age of the paper's youngest and oldest participant."""
-LEFT_STUDY = ("excluded", "withdrawn", UNKNOWN)
+LEFT_STUDY_STATES = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
         try:
             _run_visit(store, pseudonym, dry_run)
         except RuntimeError:
-            if store.participant(pseudonym).state not in LEFT_STUDY:
+            if store.participant(pseudonym).state not in LEFT_STUDY_STATES:
                 raise
 
 
@@ -185,12 +185,14 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
 def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
     """Pseudonym of the simulated participant with this index. A missing participant is enrolled."""
     present = [
-        person for person in store.participants() if person.simulated and person.state not in LEFT_STUDY
+        person
+        for person in store.participants()
+        if person.simulated and person.state not in LEFT_STUDY_STATES
     ]
     if index < len(present):
         pseudonym = present[index].pseudonym
     else:
-        age_years = int(_random(dry_run.seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
+        age_years = int(_random(dry_run.seed, index).integers(AGE_RANGE_YEARS[0], AGE_RANGE_YEARS[1] + 1))
         pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
     _consent_and_include(store, pseudonym, dry_run)
     return pseudonym

@@ -28,7 +28,7 @@ ANSWER_CHANGED = "answer changed"
 """Name of the event of a changed answer; its detail contains the item and both values."""
 ANSWERED = "answered"
 """Begins the name of the event of an answer about a session; the moment follows. Its detail is the item."""
-QUESTIONNAIRE_OPEN, QUESTIONNAIRE_LEFT = "questionnaire open", "questionnaire left"
+QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
 """Names of events: a trial was completed with unanswered items; the experimenter skipped these items."""
 
 
@@ -187,7 +187,7 @@ def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: Tri
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
         QUESTIONNAIRE_OPEN in names
-        and QUESTIONNAIRE_LEFT not in names
+        and QUESTIONNAIRE_SKIPPED not in names
         and bool(unanswered_items(store, connection, attempt))
     )
 
@@ -198,13 +198,13 @@ def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> N
         attempt = _find_answerable(connection, attempt_id)
         record_event(
             connection,
-            QUESTIONNAIRE_LEFT,
+            QUESTIONNAIRE_SKIPPED,
             ", ".join(items),
             {"session": attempt.session, "attempt": attempt.id},
         )
 
 
-def was_left_open(connection: sa.Connection, attempt: TrialAttempt) -> bool:
+def had_open_questionnaire(connection: sa.Connection, attempt: TrialAttempt) -> bool:
     """Whether an attempt had unanswered items when it completed its trial."""
     return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
 
@@ -212,7 +212,7 @@ def was_left_open(connection: sa.Connection, attempt: TrialAttempt) -> bool:
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
     """An attempt that is running, or that completed its trial with unanswered items."""
     found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
-    if found.state == "completed" and was_left_open(connection, found):
+    if found.state == "completed" and had_open_questionnaire(connection, found):
         return found
     return find_running_attempt(connection, attempt_id)
 

@@ -23,9 +23,9 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
     "spectator's token",
     "account",
 )
-KNOWN_BY = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
+IDENTIFICATION_METHODS = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
 """How a person is identified: by a personal token, a shared token, or an account on the computer."""
-UNNAMED = "unnamed"
+SHARED_TOKEN_NAME = "unnamed"
 """Name of a person who uses a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
 """Commands whose detail is the name of an experimenter."""
@@ -35,7 +35,7 @@ REFUSED = "refused"
 
 @dataclass(frozen=True)
 class Actor:
-    """A person, and how the person is identified (one of ``KNOWN_BY``)."""
+    """A person, and how the person is identified (one of ``IDENTIFICATION_METHODS``)."""
 
     name: str
     known_by: str

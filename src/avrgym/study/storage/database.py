@@ -33,10 +33,10 @@ CHECKSUM_WAIT_S = 1.0
 """Maximum time to wait for the database lock at the end of a process, in seconds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
-OLDEST = "0006_headset_check"
+OLDEST_REVISION = "0006_headset_check"
 """Database revision of AVR Gym 0.2.0, the first release."""
-UNRELEASED = ("0007_records", "0008_log", "0009_consents", "0010_design")
-"""Revisions of development versions. One migration upgrades them and revision ``OLDEST``."""
+UNRELEASED_REVISIONS = ("0007_records", "0008_log", "0009_consents", "0010_design")
+"""Revisions of development versions. One migration upgrades them and revision ``OLDEST_REVISION``."""
 _LOCK = 0x41565247
 
 
@@ -272,7 +272,7 @@ class Database:
 
     def _migrate(self, connection: sa.Connection) -> None:
         scripts = ScriptDirectory(str(MIGRATIONS))
-        known = sorted({*UNRELEASED, *(script.revision for script in scripts.walk_revisions())})
+        known = sorted({*UNRELEASED_REVISIONS, *(script.revision for script in scripts.walk_revisions())})
         current = MigrationContext.configure(connection).get_current_revision()
         if current == scripts.get_current_head():
             return
@@ -292,8 +292,8 @@ class Database:
             )
         if not self.read_only:
             self._back_up(connection, current)
-        if current in UNRELEASED:
-            stamp(configuration, OLDEST, purge=True)
+        if current in UNRELEASED_REVISIONS:
+            stamp(configuration, OLDEST_REVISION, purge=True)
         upgrade(configuration, "head")
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:

@@ -27,9 +27,9 @@ INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
 """File names of renamed invalid lists; earlier versions used the suffix ``unsound``."""
 DELETED = "deleted"
 """State of a deleted participant in the list."""
-FINAL = ("withdrawn", "excluded", DELETED)
+FINAL_STATES = ("withdrawn", "excluded", DELETED)
 """Final states. If the database lacks such a state, it is restored from the list."""
-LIST_BEGUN, COMPARED = "list begun", "compared with the database"
+LIST_BEGUN, LIST_COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
 """Name of the event that a lost database was rebuilt from the recordings.
 
@@ -87,7 +87,7 @@ class Participation:
         return self.without_participant[0]["at"]
 
     @property
-    def list_digest(self) -> str:
+    def list_id(self) -> str:
         """Id of the list: the digest of its first entry."""
         return self.entries[0].digest
 
@@ -159,15 +159,15 @@ class ParticipationList:
             raise OSError(error.errno, error.strerror, str(self.path)) from None
         after = Participation(tuple(entries), before.fault)
         self._known = self._version(), after
-        signing.store_last_entry(self._folder, after.list_digest, entries[-1].digest)
+        signing.store_last_entry(self._folder, after.list_id, entries[-1].digest)
 
     def store_last_entry(self) -> None:
         """Store the list's last entry in the user's data folder if no entry of this list is stored there."""
         known, end = self.read(), signing.last_entry(self._folder)
         if known is None or known.fault or not known.is_signed_by_user():
             return
-        if end is None or end.list_digest != known.list_digest:
-            signing.store_last_entry(self._folder, known.list_digest, known.entries[-1].digest)
+        if end is None or end.list_id != known.list_id:
+            signing.store_last_entry(self._folder, known.list_id, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
         """Erase the contents of all entries about a participant except the last.

@@ -12,10 +12,10 @@ import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, signing
 from avrgym.study.storage.participation import (
-    COMPARED,
     DELETED,
-    FINAL,
+    FINAL_STATES,
     LIST_BEGUN,
+    LIST_COMPARED,
     REBUILT,
     Content,
     Participation,
@@ -100,7 +100,7 @@ def _append(
 def _is_news(before: Participation, number: int, content: Content) -> bool:
     """Whether a content differs from the latest one and may replace it. Final states are never replaced."""
     latest = before.latest.get(number)
-    if latest is not None and latest["state"] in FINAL and content["state"] not in FINAL:
+    if latest is not None and latest["state"] in FINAL_STATES and content["state"] not in FINAL_STATES:
         return False
     if latest is not None and latest["state"] == DELETED:
         return False
@@ -189,14 +189,12 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     restored = {
         number: content
         for number, content in before.latest.items()
-        if number not in edited and content["state"] in FINAL and _lacks(contents.get(number), content)
+        if number not in edited and content["state"] in FINAL_STATES and _lacks(contents.get(number), content)
     }
     missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
     if before.is_signed_by_user():
         end = signing.last_entry(known.path.parent)
-        set_back = (
-            end is not None and end.list_digest == before.list_digest and not before.contains(end.digest)
-        )
+        set_back = end is not None and end.list_id == before.list_id and not before.contains(end.digest)
         return Differences(restored=restored, missing=missing, set_back=set_back)
     if restored or missing:
         return Differences(begin="replaces a different list that another user's key signed")
@@ -207,7 +205,7 @@ def _lacks(found: Content | None, final: Content) -> bool:
     """Whether the database lacks a final state. Without a row, only a deletion can be missing."""
     if found is None:
         return final["state"] == DELETED
-    return found["state"] not in FINAL
+    return found["state"] not in FINAL_STATES
 
 
 def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
@@ -226,7 +224,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
         detail = "this copy of the study is older than the last one on this computer"
         hash_chain.insert(connection, EVENT, at=now(), name=STUDY_SET_BACK, detail=detail)
     if found.set_back or found.is_unsigned:
-        known.append([(None, _without_participant(connection, COMPARED, now(), ""))])
+        known.append([(None, _without_participant(connection, LIST_COMPARED, now(), ""))])
 
 
 def _restore(connection: sa.Connection, number: int, content: Content) -> None:

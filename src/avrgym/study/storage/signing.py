@@ -27,11 +27,11 @@ KEY = "signing-key.pem"
 _STUDIES = "studies"
 
 
-class LastEntry(msgspec.Struct, frozen=True):
+class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
     """The last list entry that this user wrote: folder of the study, id of the list, and digest of the entry."""
 
     folder: str
-    list_digest: str
+    list_id: str
     digest: str
 
 
@@ -87,9 +87,9 @@ def is_signed(public: str, signature: str, text: str) -> bool:
     return True
 
 
-def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
+def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
     """Store the last entry of a study's participation list. Errors are ignored."""
-    known = LastEntry(str(folder.resolve()), list_digest, digest)
+    known = LastEntry(str(folder.resolve()), list_id, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
@@ -103,12 +103,12 @@ def last_entry(folder: Path) -> LastEntry | None:
     return None
 
 
-def last_entry_of_moved_study(list_digest: str) -> LastEntry | None:
+def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
     """The stored last entry of a list, if its folder does not exist because the study was moved."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)
-            if known.list_digest == list_digest and not Path(known.folder).exists():
+            if known.list_id == list_id and not Path(known.folder).exists():
                 return known
     return None
 

@@ -18,12 +18,12 @@ RECORDING_LEFT_OUT = "recording left out"
 """Name of the event that a damaged or missing recording was omitted; its detail is the reason."""
 
 
-def merged_number(site: int, number: int) -> int:
+def merged_participant_number(site: int, number: int) -> int:
     """Participant number in the merged study, from site number and number at the site."""
     return site * PEOPLE_PER_SITE + number
 
 
-def site_of(number: int) -> int:
+def site_number_of(number: int) -> int:
     """Site number of a participant in the merged study."""
     return number // PEOPLE_PER_SITE
 
@@ -33,7 +33,7 @@ def merged_id(site: int, row: int) -> int:
     return site * ROWS_PER_SITE + row
 
 
-def record_once(connection: sa.Connection, name: str, detail: str, **about: int) -> None:
+def record_event_once(connection: sa.Connection, name: str, detail: str, **about: int) -> None:
     """Store an event of the merged study; if the same event exists, do nothing."""
     events = find_all(connection, StudyEvent)
     if any((each.name, each.detail, each.attempt) == (name, detail, about.get("attempt")) for each in events):

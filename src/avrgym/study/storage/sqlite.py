@@ -14,7 +14,7 @@ from sqlalchemy.event import listens_for
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import private_opener
 
-WAIT_S = 60
+LOCK_TIMEOUT_S = 60
 """Maximum time to wait for the write lock, in seconds."""
 _LOG = "-wal"
 _PRAGMAS = ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON")
@@ -24,7 +24,9 @@ def make_engine(path: Path) -> sa.Engine:
     """An SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
-    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": WAIT_S})
+    engine = sa.create_engine(
+        sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": LOCK_TIMEOUT_S}
+    )
 
     @listens_for(engine, "connect")
     def set_up(connection: Any, _record: Any) -> None:
@@ -70,7 +72,7 @@ def faults(connection: sa.Connection) -> list[str]:
 
 def erase_traces(path: Path) -> None:
     """Rewrite the file without the contents of deleted rows. Raises ``StudyError`` if another process uses it."""
-    with closing(sqlite3.connect(path, timeout=WAIT_S, isolation_level=None)) as connection:
+    with closing(sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)) as connection:
         connection.execute("PRAGMA secure_delete = ON")
         connection.execute("VACUUM")
         busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
@@ -99,7 +101,7 @@ def _write_ahead(connection: sqlite3.Connection) -> None:
 
     If another process creates the same file, wait for it; SQLite itself does not wait.
     """
-    ends_s = time.monotonic() + WAIT_S
+    ends_s = time.monotonic() + LOCK_TIMEOUT_S
     while True:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
