@@ -4,7 +4,7 @@ from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
-from avrgym.vr.tracking.frames import STALE_S
+from avrgym.vr.tracking.freshness import STALE_S
 
 
 def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
