@@ -111,7 +111,7 @@ def test_no_environment_left_is_an_error(
     monkeypatch.setattr(registry, "ENVIRONMENTS", {EXTENSION: ("Stir", "Jaco")})
     refused = avrgym("evaluate", "--all", "--policy", "oracle", "--episodes", "1", "--jobs", "1")
     assert refused.exit_code == 1
-    assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was left out"
+    assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was skipped"
 
 
 @pytest.mark.parametrize("what", ["sim", "vr"])

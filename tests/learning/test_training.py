@@ -304,7 +304,7 @@ def test_a_file_replaces_hyperparameters_of_the_task(tmp_path):
         ("net_arch = []", "net_arch: expected `array` of length >= 1"),
         ("net_arch = [8, 0.5]", r"net_arch\[1\]: expected `int`"),
         ("gamma = 1.5", "gamma: expected `float` <= 1.0"),
-        ("learning_rate = nan", "learning_rate: expected a finite number"),
+        ("learning_rate = nan", "learning_rate is not finite; allowed: a finite number"),
         ("log_std = [1.0]", "log_std: expected `array` of length 2"),
         ("wrolds = 8", "unknown hyperparameter wrolds; allowed: num_envs, batch_size"),
         ("steps = 8", "unknown hyperparameter steps"),
@@ -429,9 +429,7 @@ def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
 
 
 def test_too_many_worlds_for_the_memory_are_refused(tmp_path):
-    with pytest.raises(
-        ValueError, match=r"worlds would take .* of this computer's memory.*allowed: .* worlds"
-    ):
+    with pytest.raises(ValueError, match=r"worlds need .* of memory; this computer has .*allowed: .* worlds"):
         train(replace(TINY, num_envs=10**9), tmp_path / "many")
     assert not (tmp_path / "many").exists()
 

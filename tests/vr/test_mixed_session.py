@@ -219,7 +219,7 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
     assert [path.name for path in visit.session.recordings] == [
         "trial-03_attempt-1.mcap", "trial-04_attempt-1.mcap"
     ]  # fmt: skip
-    with pytest.raises(ValueError, match="trials 1 to 4"):
+    with pytest.raises(ValueError, match="allowed: 1 to 4"):
         SessionPlan(trials, "woman", 0.1, simulated=True, first_trial=5)
 
 

@@ -78,7 +78,7 @@ export interface StreamStatus {
   present: boolean;
 }
 
-/** The first message of a connection. `token` is that in the fragment of the page's address. */
+/** The first message of a connection. `token` comes from the fragment of the page's address. */
 export interface Hello {
   type: "hello";
   protocol: number;
@@ -102,7 +102,7 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** Acknowledges states: the number received so far. It is sent after every `STATES_PER_RECEIPT` states. */
+/** Acknowledges states: the total number received. It is sent after every `STATES_PER_RECEIPT` states. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -302,9 +302,10 @@ export interface Upcoming {
   url: string;
 }
 
-/** Times of a tracking frame in the server, in seconds of its clock. The first state with it is the next message.
+/** Times of a tracking frame in the server, in seconds of the server's clock.
  *
- * When the frame was received, when that state was computed, and when it was sent. */
+ * They are the times at which the frame was received, and at which the first state that includes it was computed and
+ * sent. This state is the next message. */
 export interface Passed {
   type: "passed";
   tracking_sequence: number;
@@ -380,8 +381,8 @@ export interface Problem {
 
 /** Haptic and acoustic feedback of one control step.
  *
- * Whether robot or tool touch the left and the right arm, including hands. `events`: the number of bites or drops
- * in the mouth, wiped markers, or scratches. */
+ * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the number of bites or
+ * drops in the mouth, wiped markers, or scratches. */
 export interface Feedback {
   type: "feedback";
   left_touched: boolean;

@@ -1,4 +1,4 @@
-"""Configurations of trainings: what is trained, with which people, for how long and with which hyperparameters."""
+"""Configurations of trainings: environment, people, number of steps, and hyperparameters."""
 
 from abc import abstractmethod
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +23,7 @@ RECURRENT_FILE = "adaptive.json"
 VISUAL_FILE = "visual.json"
 """The configuration of a training by the recipe ``visual``."""
 PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
-"""Name of the copy of the file of people, or of the folder of trained humans, in a training's folder."""
+"""Name of the copy of the people file, or of the folder of trained humans, in a training's folder."""
 LEARNING_VERSION = 2
 """Version of the training algorithm. A training is resumed only by the version that started it."""
 RENAMED_KEYS = {
@@ -34,15 +34,16 @@ RENAMED_KEYS = {
     "hidden": "net_arch",
     "memory": "memory_size",
 }
-"""Keys of configurations of version 0.2, and the present ones."""
+"""Present names of configuration keys, by their names in version 0.2."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Settings of a training of robot and human together; the human has the bodies of the people.
+    """Settings of a training of robot and human together. The human's bodies are drawn from the population.
 
-    With ``alternate`` 0 both learn in each update. Otherwise one learns for that many updates while the other is
-    fixed, first the robot. Unless the reward is shared, each agent's reward contains its own action penalty only.
+    With ``alternate`` 0 both agents learn in each update. Otherwise one agent learns for ``alternate`` updates while
+    the other is fixed, first the robot. If the reward is not shared, each agent's reward contains only its own action
+    penalty.
     """
 
     alternate: int = 0
@@ -85,7 +86,7 @@ class TrainingConfiguration:
     @property
     @abstractmethod
     def imitation_updates(self) -> int:
-        """Number of imitation updates, which come first."""
+        """Number of imitation updates. They are the first updates of a training."""
 
     @property
     def imitation_steps(self) -> int:
@@ -94,10 +95,10 @@ class TrainingConfiguration:
 
     @abstractmethod
     def with_steps(self, steps: int) -> Self:
-        """The configuration with more steps and the same number of imitation updates.
+        """The configuration with another number of steps and the same number of imitation updates.
 
         Raises:
-            ValueError: for fewer steps, where the recipe does not allow it.
+            ValueError: for fewer steps, if the recipe does not allow them.
         """
 
 
@@ -120,7 +121,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
     def _ppo_progress(self, steps: float) -> float:
-        """The share of PPO that is done after ``steps`` environment steps, 0 to 1."""
+        """The completed share of PPO after ``steps`` environment steps, 0 to 1."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
@@ -137,12 +138,14 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
     def actor_learns_at(self, steps: int) -> bool:
-        """Whether the actor learns, or only the critic, which has no estimate of an imitated actor yet."""
+        """Whether the actor learns too. Directly after imitation only the critic learns, until it fits the imitated
+        actor."""
         critic_steps = self.critic_updates * self.update_steps
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
     def learners_at(self, steps: int) -> tuple[bool, bool]:
-        """Whether the robot and the human learn in the update of PPO that starts after ``steps``."""
+        """Returns whether the robot learns, and whether the human learns, in the PPO update that starts after
+        ``steps``."""
         alternate = 0 if self.pairing is None else self.pairing.alternate
         if not alternate:
             return True, True
@@ -154,9 +157,9 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
 class RecurrentConfiguration(TrainingConfiguration):
     """A training of a recurrent policy.
 
-    The first updates imitate: the task's expert, or ``teacher``, a policy by its name or file. ``initial`` is a
-    recurrent policy to start from, by its name or file; its layer sizes replace ``memory_size`` and ``net_arch``.
-    Without ``imitation_share`` it is ``RECURRENT.imitation_share``, and 0 with an initial policy.
+    The first updates imitate the task's expert, or the policy ``teacher`` (name or file). ``initial`` is a recurrent
+    policy (name or file) from which training starts; its layer sizes replace ``memory_size`` and ``net_arch``. The
+    default of ``imitation_share`` is ``RECURRENT.imitation_share``, and 0 with an initial policy.
     """
 
     people: str = TRAIN_ZOO
@@ -179,12 +182,12 @@ class RecurrentConfiguration(TrainingConfiguration):
         longer = replace(self, steps=steps)
         if longer.updates < self.updates:
             raise ValueError(
-                f"{steps} steps are fewer than the training's {self.steps}; allowed: those or more"
+                f"{steps} steps are fewer than the training's {self.steps}; allowed: {self.steps} or more"
             )
         return replace(longer, imitation_share=self.imitation_updates / longer.updates)
 
     def ppo_progress(self, update: int) -> float:
-        """The share of PPO, without the critic's first updates, that is done before an update, 0 to 1."""
+        """The completed share of PPO before an update, 0 to 1, without the first updates of the critic alone."""
         first = self.imitation_updates + RECURRENT.critic_updates
         return max(0.0, (update - first) / max(1, self.updates - first))
 
@@ -263,7 +266,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
     """Read the configuration of the training in ``out``, also of version 0.2.
 
     Raises:
-        ValueError: when ``out`` contains no training, or one of another learning version.
+        ValueError: if ``out`` contains no training, or a training of another learning version.
     """
     if not contains_training(out):
         raise ValueError(f"{out} contains no training to resume")
@@ -287,7 +290,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
 
 
 def store_people(people: str, out: Path) -> None:
-    """Copy a file of people, or trained humans, into the folder of a training."""
+    """Copy a people file, or trained humans, into the folder of a training."""
     if people in NAMED_DISTRIBUTIONS:
         return
     copy = out / PEOPLE
@@ -297,7 +300,7 @@ def store_people(people: str, out: Path) -> None:
 
 
 def stored_people(people: str, out: Path) -> str:
-    """Name of the people, or the path of their copy in the folder of a training."""
+    """The name of the population, or the path of its copy in the folder of a training."""
     if people in NAMED_DISTRIBUTIONS:
         return people
     copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]

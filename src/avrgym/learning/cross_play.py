@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 ReportOmitted = Callable[[str, Exception], None]
-"""Called with the name of an environment that was left out, and with its error."""
+"""Function that is called with the name of each skipped environment, and its error."""
 Run = Callable[[Sequence[str]], list[Evaluation]]
-"""Evaluates one policy with one population in some environments."""
+"""Function that evaluates one policy with one population in some environments."""
 
 
 def cross_play(
@@ -45,14 +45,14 @@ def cross_play(
     steps: int = EPISODE_STEPS,
     leave_out: ReportOmitted | None = None,
 ) -> list[Evaluation]:
-    """A row for each population, policy and environment; arguments as in ``evaluate_all``.
+    """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
-    In an environment all policies have the same episodes. With ``leave_out``, environments without the policy or the
-    people, and environments that fail, are reported and left out.
+    The arguments are those of ``evaluate_all``. In an environment all policies have the same episodes. With
+    ``leave_out``, environments without the policy or the people, and environments that fail, are reported and skipped.
 
     Raises:
-        ValueError: for an unknown name, before the evaluation, with the allowed values; with ``leave_out`` for a name
-            that is unknown in every environment, and when all environments fail.
+        ValueError: for an unknown name, before the evaluation; the message lists the allowed values. With
+            ``leave_out``: if a name is unknown in every environment, or all environments fail.
     """
     find_impairment(impairment)
     check_engine(engine)
@@ -104,7 +104,7 @@ def cross_play(
                 found = _rows(run, chosen, f"{policy} and {population}", leave_out)
                 rows += sorted(found, key=lambda row: chosen.index(row.env))
     if not rows:
-        raise ValueError("nothing was evaluated: every environment was left out")
+        raise ValueError("nothing was evaluated: every environment was skipped")
     return rows
 
 
@@ -114,7 +114,7 @@ def _environments_with(
     find: Callable[[str, str], object],
     leave_out: ReportOmitted | None,
 ) -> set[str]:
-    """The environments that have a policy or population of that name; raises the first error if there is none."""
+    """The environments that have a policy or population with this name. Without any, raises the first error."""
     errors: dict[str, Exception] = {}
     for environment_id in environment_ids:
         try:
@@ -132,7 +132,8 @@ def _environments_with(
 def _rows(
     run: Run, environment_ids: Sequence[str], label: str, leave_out: ReportOmitted
 ) -> Iterator[Evaluation]:
-    """Rows of packaged environments, evaluated together unless one fails, and of other environments one by one."""
+    """Evaluate packaged environments together and other environments one by one. After an error, evaluate all one by
+    one."""
     packaged = [each for each in environment_ids if each in ENVIRONMENTS]
     single = [each for each in environment_ids if each not in ENVIRONMENTS]
     try:
@@ -150,7 +151,7 @@ def _rows(
 
 
 def matrix(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Success rate with 95 % interval: a row per environment and policy, a column per population."""
+    """Matrix of success rates with 95 % intervals: a row per environment and policy, a column per population."""
     table: dict[tuple[str, str], dict[str, Any]] = {}
     groups = dict.fromkeys(row.people for row in rows)
     for row in rows:

@@ -1,4 +1,4 @@
-"""Evaluation of policies over many episodes; the same seed gives the same results."""
+"""Evaluation of policies over many episodes. The same seed gives the same results."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,13 +30,14 @@ Progress = Callable[[int], None]
 
 MAX_WORLDS = 64
 MIN_EPISODES_PER_PROCESS = 16
-"""Fewer episodes take less time than a process needs to start."""
+"""Minimum number of episodes of a process. Fewer episodes take less time than the start of a process."""
 QUANTILE = NormalDist().inv_cdf(0.975)
 """Standard normal quantile of two-sided 95 % intervals."""
 
 
 class Results(NamedTuple):
-    """Results of n episodes, (n,): return, success, mean force, region loads, guard interventions, start draws."""
+    """Results of n episodes, (n,): return, success, mean force, region loads, guard interventions, samples of the
+    start."""
 
     reward: FloatArray
     success: BoolArray
@@ -49,14 +50,14 @@ class Results(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results of one policy in one environment; no choice is made with episodes of the ``split`` test.
+    """Results of one policy in one environment. Episodes of the ``split`` test must not influence a choice.
 
-    ``force_mean_newton`` is the mean over all steps. ``force_regions`` are forces by body region, and
-    ``episodes_over_limit`` counts episodes in which any region exceeded its limits, see ``RegionLoads``.
+    ``force_mean_newton`` is the mean over all steps. ``force_regions`` are forces by body region.
+    ``episodes_over_limit`` is the number of episodes in which a region exceeded its limits, see ``RegionLoads``.
     ``guard_interventions`` is the mean number per episode, ``None`` without the force guard. ``plugin_differences``
-    lists plug-ins that changed since the policy's training. A start is drawn again until everything has room:
-    ``start_draws_mean`` and ``start_draws_max`` are draws per episode, ``starts_refused`` counts refused draws.
-    ``settings`` are the changed ones, ``steps`` the control steps of an episode.
+    lists plug-ins that changed since the policy's training. Initial states are resampled until they have enough
+    clearance: ``start_draws_mean`` and ``start_draws_max`` are samples per episode, ``starts_refused`` is the number of
+    rejected samples. ``settings`` are the changed ones, ``steps`` the control steps of an episode.
     """
 
     env: str
@@ -86,7 +87,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _Batch:
-    """Episodes of one environment that run together; ``episodes`` are their numbers, from 0."""
+    """Episodes of one environment that are run in parallel. ``episodes`` are their numbers, from 0."""
 
     environment_id: str
     policy: TransferredFile
@@ -119,7 +120,7 @@ def evaluate(
     engine: str = THREADS,
     settings: Settings = DEFAULTS,
 ) -> Evaluation:
-    """Evaluate in one environment and this process; see ``evaluate_all``."""
+    """Evaluate a policy in one environment in this process, see ``evaluate_all``."""
     (row,) = evaluate_all(
         [environment_id],
         policy,
@@ -165,27 +166,28 @@ def evaluate_all(
         people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human or a folder of
             trained humans.
         episodes: number per environment, 1 or more.
-        seed: of the episodes; another seed gives other people and starts.
-        progress: called repeatedly with the environment steps since the last call.
+        seed: seed of the episodes, which determines people and initial states.
+        progress: called repeatedly with the number of environment steps since the last call.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
         split: episodes of the test or the validation split, see ``random_streams``.
-        jobs: number of processes; by default one for each core with enough episodes, and one for a device. Changes no
-            result.
-        cluster: runs the episodes instead of processes on this computer. Changes no result.
+        jobs: number of processes. Default: one for each core if there are enough episodes, and one for a device. It
+            does not change results.
+        cluster: runs the episodes instead of processes on this computer. It does not change results.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         force_guard: whether the force guard limits contact force and approach speed.
         withdraw_after_success: as in ``Episodes``.
-        engine: where physics runs; published results are from threads.
-        settings: of the environments.
+        engine: where physics runs. Published results use ``threads``.
+        settings: settings of the environments.
         allow_other_settings: whether to allow a policy that was trained with other settings.
         steps: control steps of an episode.
 
     Raises:
-        ValueError: for an unknown name, a policy that does not fit or fewer than one episode, with the allowed values.
-        ControllerError: when the controller of another package fails.
+        ValueError: for an unknown name, a policy that does not fit, or fewer than one episode. The message contains the
+            allowed values.
+        ControllerError: if the controller of another package fails.
     """
     if episodes < 1:
-        raise ValueError(f"{episodes} episodes; at least 1 is needed")
+        raise ValueError(f"{episodes} episodes; allowed: 1 or more")
     found: list[registry.RobotPolicy] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
@@ -278,7 +280,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
 
 
 def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy) -> Evaluation:
-    """The results of one environment from those of its batches."""
+    """Combine the results of an environment's batches."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")
@@ -312,7 +314,7 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
 
 
 def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
-    """The score interval of a proportion, at 95 % (Wilson, J. Am. Stat. Assoc. 22, 1927, p. 209).
+    """Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
 
     ``count`` may be an effective sample size; ``quantile`` may be Student's instead of the normal one.
     """

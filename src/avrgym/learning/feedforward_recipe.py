@@ -1,7 +1,8 @@
 """Recipe of feed-forward policies: imitation, then PPO, of a robot, or of a robot and a human together.
 
-Within an update policy and normaliser are constant, and each world has its own exploration noise. The episodes follow
-from the policy, the seed and the steps so far, so the weights do not depend on the processes that run them.
+Within an update, policy and normaliser are constant, and each world has its own exploration noise. The policy, the seed
+and the number of past steps determine the episodes. The weights therefore do not depend on the processes that run the
+episodes.
 """
 
 # Stable-Baselines3's attributes: their types are known only in part.
@@ -42,18 +43,18 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 RollOut = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
-"""Runs the episodes of several requests; returns for each request what ``rollouts.roll_out_all`` returns."""
+"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_all`` for each."""
 LOG_NAMES = "PPO", "human"
 """Names of the robot and the human in TensorBoard's log."""
 WORLDS_PER_WORKER = 64, 128
-"""Smallest and largest number of worlds of a cluster's worker, where the training has enough of them."""
+"""Minimum and maximum number of worlds of a cluster's worker, if the training has enough worlds."""
 
 
 def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None") -> None:
-    """Refuse a training that cannot run.
+    """Check that a training can run.
 
     Raises:
-        ValueError, RuntimeError: with the allowed values.
+        ValueError, RuntimeError: if it cannot. The message contains the allowed values.
     """
     if configuration.pairing is not None:
         _check_pairing(configuration.environment, people)
@@ -61,9 +62,11 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
         return
     libraries()
     if configuration.force_guard:
-        raise ValueError(f"the force guard works on threads only; leave out --engine {configuration.engine}")
+        raise ValueError(
+            f"the force guard needs the engine threads; leave out --engine {configuration.engine}"
+        )
     if configuration.pairing is not None or is_trained(people):
-        raise ValueError(f"trained humans act on threads only; leave out --engine {configuration.engine}")
+        raise ValueError(f"trained humans need the engine threads; leave out --engine {configuration.engine}")
     if cluster is not None:
         raise ValueError(
             f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
@@ -83,7 +86,7 @@ def _check_pairing(environment: str, people: str) -> None:
 
 
 def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
-    """The number of requests that share an update's worlds: the number of workers, or a multiple."""
+    """The number of requests into which an update's worlds are divided: the number of workers, or a multiple."""
     if cluster is None:
         return 1
     least, most = WORLDS_PER_WORKER
@@ -94,7 +97,7 @@ def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None")
 
 
 class FeedforwardRecipe:
-    """See ``recipe.Recipe``. The agents are the robot's and, with ``pairing``, the human's."""
+    """See ``recipe.Recipe``. The agents are the robot and, with ``pairing``, the human."""
 
     def __init__(
         self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
@@ -161,7 +164,8 @@ class FeedforwardRecipe:
         return policies
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Stable-Baselines3 draws minibatches from NumPy's global random stream, which the state therefore contains."""
+        """See ``Recipe.state``. It contains NumPy's global random stream, from which Stable-Baselines3 draws
+        minibatches."""
         tensors = {
             **ppo.agent_state(self._agents[0]),
             "torch_random": torch.get_rng_state(),
@@ -227,7 +231,8 @@ class FeedforwardRecipe:
         noise_seed: tuple[int, int] | None = None,
         expert_drives: BoolArray | None = None,
     ) -> list[Rollout]:
-        """An episode in every world, from each agent's view; experts drive on threads, whatever the engine."""
+        """Run an episode in every world. Returns it from each agent's view. Experts always use the engine
+        ``threads``."""
         configuration, steps = self._configuration, self.steps
         engine = configuration.engine if expert_drives is None else THREADS
         episodes = np.array(self._hard.choose(steps))
@@ -253,7 +258,7 @@ class FeedforwardRecipe:
             model.num_timesteps = steps
 
     def _results(self, stage: str, episodes: list[tuple[float, bool]]) -> Update:
-        """Means over the latest episodes of the policy, twice as many as there are worlds."""
+        """Means over the policy's latest episodes, two for each world."""
         if not episodes:
             return Update(stage, None, None)
         self._latest = (self._latest + episodes)[-2 * self._configuration.num_envs :]

@@ -1,7 +1,8 @@
 """Failed episodes that training repeats until they succeed.
 
-Rare failures are learned slowly: one start in a hundred in which the arm jams the person's hand. Repetition makes them
-frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level replay", ICML 2021).
+A policy learns slowly from rare failures, for example if the arm jams the person's hand in one of a hundred initial
+states. Repetition makes them frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level replay", ICML
+2021).
 """
 
 from collections.abc import Sequence
@@ -11,18 +12,18 @@ from avrgym.system import random_streams
 HARD_FORCE_N = 12.0
 """An episode with a larger mean force on the person counts as failed, even if it succeeded."""
 STORED_EPISODES = 256
-"""The oldest seeds beyond this number are dropped."""
+"""Maximum number of stored seeds. The oldest seeds are deleted first."""
 
 
 class HardEpisodes:
-    """Chooses the episodes that N worlds run together; each is identified by its seed.
+    """Chooses the episodes of N worlds. A seed identifies each episode.
 
-    ``stored`` are the seeds of failed episodes, the latest last. The first ``repeated`` of the episodes chosen last are
-    repetitions.
+    ``stored`` are the seeds of failed episodes, the latest last. In the latest choice, the first ``repeated`` episodes
+    are repetitions.
     """
 
     def __init__(self, worlds: int, share: float, seed: int) -> None:
-        """At most ``share`` of the worlds repeat episodes; ``seed`` is that of the training."""
+        """Repeat episodes in at most a ``share`` of the worlds. ``seed`` is the training's seed."""
         self.stored: list[int] = []
         self.repeated = 0
         self._worlds, self._max_repeated, self._seed = worlds, int(share * worlds), seed
@@ -37,10 +38,10 @@ class HardEpisodes:
         return self._chosen
 
     def update(self, successes: Sequence[bool], forces_n: Sequence[float]) -> None:
-        """Store those of the chosen episodes that failed, and drop the others.
+        """Store the seeds of the chosen episodes that failed, and delete the seeds of those that succeeded.
 
         Args:
-            successes: of each episode, (N,).
+            successes: success of each episode (N,).
             forces_n: mean forces on the person (N,), newtons.
         """
         outcomes = zip(self._chosen, successes, forces_n, strict=True)

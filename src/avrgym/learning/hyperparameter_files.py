@@ -1,4 +1,4 @@
-"""Files of hyperparameters: TOML with some fields of ``Hyperparameters``; the others are those of the task."""
+"""Files of hyperparameters: TOML with some fields of ``Hyperparameters``. Other fields have the task's values."""
 
 import json
 import tomllib
@@ -16,11 +16,11 @@ from avrgym.system.type_guards import is_array
 
 
 def read_hyperparameters(path: Path, environment: str) -> Hyperparameters:
-    """Hyperparameters in an environment, with those of a file.
+    """Read a file of hyperparameters for an environment.
 
     Raises:
-        ValueError: for invalid TOML, names or values, with the allowed values.
-        OSError: when the file cannot be read.
+        ValueError: for invalid TOML, names or values. The message contains the allowed values.
+        OSError: if the file cannot be read.
     """
     return changed_hyperparameters(read_toml(path), environment, str(path))
 
@@ -30,7 +30,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises:
         ValueError: for invalid TOML.
-        OSError: when the file cannot be read.
+        OSError: if the file cannot be read.
     """
     try:
         return tomllib.loads(read_user_text(path))
@@ -39,17 +39,18 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validation_error(error: msgspec.ValidationError, where: str) -> ValueError:
-    """An error that names the file, or its part, and the place of the wrong value in it."""
+    """Convert a decoding error to one whose message contains the file, or its part, and the place of the wrong
+    value."""
     what, _, path = str(error).partition(" - at `$")
     place = path.strip("`.")
     return ValueError(f"{where}: {place}{': ' if place else ''}{what[:1].lower()}{what[1:]}")
 
 
 def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where: str) -> Hyperparameters:
-    """Hyperparameters in an environment, with ``changes`` from the file, or its part, ``where``.
+    """Hyperparameters of an environment with ``changes``. Error messages name ``where``, the file or its part.
 
     Raises:
-        ValueError: for an unknown name or a wrong value, with the allowed values.
+        ValueError: for an unknown name or a wrong value. The message contains the allowed values.
     """
     defaults = vars(hyperparameters_of(environment))
     changes = {RENAMED_KEYS.get(name, name): value for name, value in changes.items()}
@@ -60,7 +61,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
         if not all(
             isfinite(each) for each in (value if is_array(value) else [value]) if isinstance(each, float)
         ):
-            raise ValueError(f"{where}: {name}: expected a finite number")
+            raise ValueError(f"{where}: {name} is not finite; allowed: a finite number")
     try:
         return msgspec.convert({**defaults, **changes}, Hyperparameters)
     except msgspec.ValidationError as error:
@@ -68,7 +69,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
 
 
 def hyperparameters_text(environment: str) -> str:
-    """A file of all hyperparameters in an environment, with their descriptions."""
+    """The text of a TOML file with all hyperparameters of an environment and their descriptions."""
     values = hyperparameters_of(environment)
     lines = [
         f"# Hyperparameters of {environment}. `avrgym train --config FILE` needs only those that you change."

@@ -1,9 +1,9 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
-``Hyperparameters`` are those of feed-forward policies: imitation, then PPO. A user changes them with
-``avrgym train --config FILE``. ``TASK_CHANGES`` lists the values of single tasks, ``PAPER`` those of ``--recipe
-paper``, ``IMITATION``, ``RECURRENT`` and ``VISUAL`` the fixed values of imitation and of ``--recipe adaptive`` and
-``visual``.
+``Hyperparameters`` are for feed-forward policies (imitation, then PPO). A user changes them with ``avrgym train
+--config FILE``. ``TASK_CHANGES`` contains the values of single tasks, ``PAPER`` the values of ``--recipe paper``.
+``IMITATION``, ``RECURRENT`` and ``VISUAL`` contain the fixed values of imitation, ``--recipe adaptive`` and ``--recipe
+visual``.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 class Hyperparameters:
     """Imitation of the task's expert, then PPO, of a feed-forward policy.
 
-    Network and PPO are those of the paper (section V). The policy keeps the ``log_std`` of its last update.
+    Network and PPO are the paper's (section V). The finished policy has the ``log_std`` of its last update.
     """
 
     num_envs: Annotated[
@@ -103,7 +103,7 @@ TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
         "force_weight_per_n": 0.0,
     },
 }
-"""Values that differ from the defaults. Tasks of other packages have theirs in ``Task.hyperparameters``."""
+"""Values that differ from the defaults, by task. Tasks of other packages define theirs in ``Task.hyperparameters``."""
 
 PAPER = Hyperparameters(
     num_envs=1024,
@@ -116,26 +116,28 @@ PAPER = Hyperparameters(
     detour_weight_per_m=0.0,
     hard_share=0.0,
 )
-"""The paper's recipe, the same for every task: PPO alone, on the tasks' own rewards.
+"""The paper's recipe, the same for every task: PPO alone, with the tasks' own rewards.
 
-The paper states neither the exploration noise nor the episodes per update: ``log_std`` is that of feeding.
+The paper contains neither the exploration noise nor the number of episodes per update. ``log_std`` is feeding's.
 """
 PAPER_STEPS = 10_000_000
 """Environment steps of each training in the paper (section VI)."""
 TRAINING_STEPS = 1_000_000
-"""Environment steps of a feed-forward training, by default."""
+"""Default number of environment steps of a feed-forward training."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Imitation:
-    """Imitation by a feed-forward policy: Adam on the squared error of actions, after each round on all rounds."""
+    """Imitation by a feed-forward policy: after each round, Adam minimises the squared error of actions over all
+    rounds."""
 
     expert_share: float = 0.8
-    """The expert drives all worlds in the first round, and in later ones this share of those of the round before."""
+    """The expert drives all worlds in the first round. In each later round its number of worlds is multiplied by this
+    share."""
     batch_size: int = 1024
     n_epochs: int = 10
     last_n_epochs: int = 100
-    """Passes over all rounds after a round, and after the last round."""
+    """Number of epochs over all rounds after a round, and after the last round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
@@ -146,22 +148,22 @@ class Imitation:
 class Recurrent:
     """Imitation, then PPO, of a recurrent policy (``--recipe adaptive``).
 
-    A window is the horizon of backpropagation through time. PPO's learning rate after imitation is low: a higher one
-    loses the imitated behaviour.
+    A window is the horizon of truncated backpropagation through time. PPO's learning rate after imitation is low: with
+    a higher rate the policy loses the imitated behaviour.
     """
 
     window: int = 50
-    """Control steps that gradients go back through."""
+    """Control steps of a window of truncated backpropagation through time."""
 
     imitation_share: float = 0.25
-    """Share of the updates that imitate, unless the training states another."""
+    """Default share of updates that imitate."""
     expert_share: float = 0.7
     """As in ``Imitation``."""
     imitation_sequences: int = 32
     """Episodes in a minibatch of imitation."""
     gradient_steps: int = 40
     last_gradient_steps: int = 1500
-    """Minibatches after a round of imitation, and after the last one."""
+    """Number of gradient steps after a round of imitation, and after the last round."""
     imitation_learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
@@ -171,33 +173,33 @@ class Recurrent:
     learning_rate: float = 3e-5
     learning_rate_without_imitation: float = 1e-4
     final_lr_share: float = 0.02
-    """PPO's learning rate falls linearly to this share."""
+    """Final share of PPO's learning rate, which decreases linearly."""
     gamma: float = 0.99
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     n_epochs: int = 4
     sequences: int = 16
     max_minibatches: int = 8
-    """Episodes in a minibatch of PPO, and the largest number of minibatches in an epoch."""
+    """Episodes in a minibatch of PPO, and maximum number of minibatches in an epoch."""
     target_kl: float = 0.03
-    """An update ends after an epoch with a larger mean Kullback-Leibler divergence."""
+    """An update ends after an epoch whose mean Kullback-Leibler divergence is above this value."""
     max_grad_norm: float = 0.5
     critic_memory_size: int = 64
     critic_net_arch: tuple[int, ...] = (64,)
     critic_learning_rate: float = 1e-3
     critic_updates: int = 4
-    """Updates after imitation in which only the critic learns."""
+    """Number of updates after imitation in which only the critic learns."""
     log_std: tuple[float, float] = (-2.3, -2.6)
     """Natural logarithm of action_std at the start and the end of PPO."""
     final_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
-    """Candidates of the finished policy's action_std; it keeps the one with the highest success rate."""
+    """Candidates for the finished policy's action_std. The one with the highest success rate is chosen."""
 
     force_weight_per_n: float = 0.02
-    """Reward penalty per newton on the person in PPO, in addition to the task's own."""
+    """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     rewarded_force_n: float = 1.5
-    """Upper limit of the force that the task's reward pays for in PPO."""
+    """In PPO, force above this limit gives no further reward."""
     overload_weight: float = 5.0
-    """Reward penalty in PPO where a body region bears its transient limit, see ``rollouts.RolloutRequest``."""
+    """Reward penalty in PPO for a force equal to a region's transient limit, see ``rollouts.RolloutRequest``."""
 
 
 @dataclass(frozen=True, kw_only=True)

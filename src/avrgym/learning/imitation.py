@@ -1,7 +1,7 @@
 """Imitation of an expert before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
 
-The policy drives more and more of the worlds. The expert's actions are recorded in all of them, and after each round
-the policy is fitted to the demonstrations of all rounds so far.
+The share of worlds that the policy drives increases from round to round. The expert's actions are recorded in all
+worlds. After each round the policy is fitted to the demonstrations of all rounds.
 """
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
@@ -36,7 +36,7 @@ D = TypeVar("D", bound=Demonstration)
 
 
 class Demonstrations(Generic[D]):
-    """The demonstrations of all rounds so far, with a file for each round."""
+    """The demonstrations of all rounds, with a file for each round."""
 
     def __init__(self, out: Path, kind: type[D]) -> None:
         self.rounds: list[D] = []
@@ -52,12 +52,12 @@ class Demonstrations(Generic[D]):
         """Read the first rounds.
 
         Raises:
-            ValueError: for a file that is missing or damaged.
+            ValueError: if a file is missing or damaged.
         """
         self.rounds = [self._read(self._file(number)) for number in range(rounds)]
 
     def joined(self, name: str, axis: int = 0) -> Float32Array:
-        """An array of all rounds, joined along an axis."""
+        """Concatenate an array of all rounds along an axis."""
         return np.concatenate([getattr(each, name) for each in self.rounds], axis=axis)
 
     def _read(self, file: Path) -> D:
@@ -74,7 +74,7 @@ class Demonstrations(Generic[D]):
 def fit(
     agent: Agent, demonstrations: Demonstrations[Demonstration], random: np.random.Generator, *, last: bool
 ) -> None:
-    """Least squares of the actor's mean actions over all demonstrations; longer in the last round."""
+    """Fit the actor's mean actions to all demonstrations by least squares. The last round has more epochs."""
     model, normaliser = agent
     observed = demonstrations.joined("observations")
     observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(observed)), dtype=torch.float32)

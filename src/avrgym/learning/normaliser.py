@@ -1,4 +1,4 @@
-"""Running moments that scale observations and rewards, updated once per update of a training."""
+"""Running mean and variance that scale observations and rewards; each update of a training updates them once."""
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -19,7 +19,7 @@ OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
 
 
 class ObservationScales(Protocol):
-    """An observation of ``size`` numbers (O,) with their fixed scales, NaN where there is none."""
+    """The size O of an observation and its fixed scales (O,), NaN for values without a fixed scale."""
 
     @property
     def size(self) -> int: ...
@@ -29,13 +29,13 @@ class ObservationScales(Protocol):
 
 
 def observation_of(environment: str) -> Observation:
-    """The observation in an environment."""
+    """Size and fixed scales of the observation in an environment."""
     task, scene = task_and_scene(environment)
     return task.observation(scene)
 
 
 class ObservationMoments(RunningMeanStd):
-    """Running mean and variance of observations; where an observation has a fixed scale, mean 0 and that scale."""
+    """Running mean and variance of observations. Values with a fixed scale have mean 0 and this scale instead."""
 
     def __init__(self, observation: ObservationScales) -> None:
         super().__init__(shape=(observation.size,))
@@ -52,7 +52,7 @@ class ObservationMoments(RunningMeanStd):
 
 
 class Normaliser:
-    """Scales observations and rewards; its attributes are named as those of Stable-Baselines3's ``VecNormalize``."""
+    """Scales observations and rewards. Attributes have the names of Stable-Baselines3's ``VecNormalize``."""
 
     def __init__(self, observation: ObservationScales, gamma: float) -> None:
         self.obs_rms = ObservationMoments(observation)
@@ -61,7 +61,7 @@ class Normaliser:
         self._gamma = gamma
 
     def normalize_obs(self, obs: Any) -> Any:
-        """Observations (…, O) in standard deviations from the mean, single precision."""
+        """Normalise observations (…, O): standard deviations from the mean, single precision."""
         xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
         scaled = (obs - moved_to(self.obs_rms.mean, obs)) / moved_to(deviation, obs)
@@ -89,7 +89,7 @@ class Normaliser:
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set the moments to those of a checkpoint."""
+        """Restore the moments from a checkpoint."""
         for moments, name in ((self.obs_rms, "observations"), (self.ret_rms, "returns")):
             stored = state[name]
             moments.mean, moments.var = stored["mean"].numpy(), stored["variance"].numpy()
@@ -97,7 +97,7 @@ class Normaliser:
 
 
 def _update(moments: RunningMeanStd, samples: Any) -> None:
-    """Update moments from samples (S, …); only the samples' moments leave a device."""
+    """Update moments from samples (S, …). From a device, only the moments of the samples are copied to the host."""
     xp = namespace(samples)
     mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
     moments.update_from_moments(mean, variance, len(samples))

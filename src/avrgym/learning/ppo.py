@@ -1,4 +1,4 @@
-"""PPO of feed-forward policies with Stable-Baselines3, from whole episodes that rollouts provide."""
+"""PPO of feed-forward policies with Stable-Baselines3, from whole episodes of ``rollouts``."""
 
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -22,7 +22,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 
 LOG_FOLDER = "tensorboard"
 PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
-"""Improves a model from whole episodes that the time limit ends.
+"""Function that improves a model from whole episodes, which the time limit ends.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, J) and scaled rewards (T, N).
 """
@@ -38,7 +38,7 @@ class Agent(NamedTuple):
 def make_agent(
     configuration: FeedforwardConfiguration, observation: ObservationScales, action_size: int, out: Path
 ) -> Agent:
-    """An agent before training."""
+    """Create an agent before training."""
     return Agent(
         make_ppo(configuration, observation.size, action_size, out),
         Normaliser(observation, configuration.gamma),
@@ -48,12 +48,14 @@ def make_agent(
 def make_ppo(
     configuration: FeedforwardConfiguration, observation_size: int, action_size: int, out: Path
 ) -> PPO:
-    """A model without an environment."""
+    """Create a model of Stable-Baselines3 without an environment."""
 
     def learning_rate(remaining: float) -> float:
         return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
 
-    torch.set_num_threads(1)  # more are no faster with small networks, and would change the order of sums
+    torch.set_num_threads(
+        1
+    )  # more threads are not faster with small networks, and would change the order of sums
     model = PPO(
         "MlpPolicy",
         None,  # type: ignore[arg-type]
@@ -82,7 +84,7 @@ def make_ppo(
 
 
 def steps_of(model: PPO) -> int:
-    """Environment steps that a model was trained for."""
+    """Number of environment steps for which a model was trained."""
     return cast(int, model.num_timesteps)
 
 
@@ -100,7 +102,7 @@ def freeze_actor(model: PPO, configuration: FeedforwardConfiguration) -> None:
 
 
 def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> None:
-    """Improve an agent from an update's episodes, in a training of ``last`` steps."""
+    """Improve an agent with the episodes of an update, in a training of ``last`` steps."""
     model, normaliser = agent
     rewards = normaliser.normalize_rewards(rollout)
     observations = normaliser.normalize_obs(rollout.observations)
@@ -110,7 +112,7 @@ def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> No
 
 
 def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
-    """Improve a model with Stable-Baselines3 in this process, a ``PolicyUpdate``."""
+    """Improve a model with Stable-Baselines3 in this process (a ``PolicyUpdate``)."""
     _fill(model, observations, actions, rewards)
     model.train()
 
@@ -118,7 +120,7 @@ def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) ->
 def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards: Float32Array) -> None:
     """Fill a model's rollout buffer.
 
-    Episodes are truncated, not terminated: the critic's value follows the last step.
+    Episodes are truncated, not terminated: the last step is bootstrapped with the critic's value.
     """
     buffer, policy = model.rollout_buffer, model.policy
     policy.set_training_mode(False)
@@ -138,7 +140,7 @@ def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards
 
 
 def agent_state(agent: Agent) -> dict[str, Any]:
-    """An agent's part of a checkpoint."""
+    """Returns an agent's part of a checkpoint."""
     model, normaliser = agent
     return {
         "steps": model.num_timesteps,
@@ -150,7 +152,7 @@ def agent_state(agent: Agent) -> dict[str, Any]:
 
 
 def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
-    """Set an agent to its part of a checkpoint."""
+    """Restore an agent from its part of a checkpoint."""
     model, normaliser = agent
     model.policy.load_state_dict(state["policy"])
     model.policy.optimizer.load_state_dict(state["optimizer"])
@@ -160,7 +162,7 @@ def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
 
 
 def export_policy(agent: Agent, log_std: float, metadata: PolicyMetadata) -> Policy:
-    """The actor with its normaliser, as a policy that needs no PyTorch."""
+    """Convert the actor and its normaliser to a policy that does not need PyTorch."""
     actor, normaliser = agent.model.policy, agent.normaliser
     layers: list[Any] = [
         layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)

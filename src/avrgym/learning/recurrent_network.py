@@ -1,4 +1,4 @@
-"""A recurrent network in PyTorch: a ``Policy`` with memory, while it learns."""
+"""A recurrent network in PyTorch, for the training of a ``Policy`` with memory."""
 
 # PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -31,7 +31,7 @@ class RecurrentNetwork(nn.Module):
 
     @classmethod
     def of(cls, policy: Policy) -> "RecurrentNetwork":
-        """The network of a recurrent policy, in single precision."""
+        """Create the network from a recurrent policy, in single precision."""
         memory = policy.memory
         assert memory is not None
         net_arch = tuple(len(bias) for bias in policy.biases[:-1])
@@ -56,7 +56,7 @@ class RecurrentNetwork(nn.Module):
         return self.layers[-1](rows), last
 
     def policy(self, normaliser: Normaliser, metadata: PolicyMetadata, action_std: float = 0.0) -> Policy:
-        """The network with its normaliser, as a policy that needs no PyTorch."""
+        """Convert the network and its normaliser to a policy that does not need PyTorch."""
         unit, layers = self.memory, [*self.layers]
         return Policy(
             weights=tuple(_array(layer.weight).T for layer in layers),
@@ -77,7 +77,7 @@ class RecurrentNetwork(nn.Module):
 
 
 def windows() -> Iterator[slice]:
-    """The consecutive parts of an episode for truncated backpropagation through time."""
+    """The windows (slices) of an episode for truncated backpropagation through time."""
     steps = RECURRENT.window
     return (slice(first, first + steps) for first in range(0, EPISODE_STEPS, steps))
 
@@ -90,9 +90,9 @@ def fit(
     targets: Sequence[Tensor],
     max_grad_norm: float,
 ) -> None:
-    """Lower the loss of the outputs for whole episodes (T, n, O), with one gradient step per window.
+    """Reduce the loss of the outputs for whole episodes (T, n, O), with one gradient step per window.
 
-    ``loss`` gets a window's outputs (t, n, A), and the same part of each of the targets (T, n, ...).
+    The arguments of ``loss`` are a window's outputs (t, n, A) and the same window of each of the targets (T, n, ...).
     """
     memory = None
     for window in windows():
@@ -104,7 +104,7 @@ def fit(
 def gradient_step(
     optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, max_grad_norm: float
 ) -> None:
-    """One step of the optimizer; longer gradients are clipped to ``max_grad_norm``."""
+    """One step of the optimizer. The norm of the gradient is clipped to ``max_grad_norm``."""
     optimizer.zero_grad()
     loss.backward()
     nn.utils.clip_grad_norm_(network.parameters(), max_grad_norm)

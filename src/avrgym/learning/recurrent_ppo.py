@@ -19,7 +19,7 @@ from avrgym.learning.recurrent_network import RecurrentNetwork, fit, gradient_st
 
 
 class RecurrentPPO:
-    """Improves a recurrent network from whole episodes of its own; its hyperparameters are ``RECURRENT``."""
+    """Improves a recurrent network with its own whole episodes. The hyperparameters are ``RECURRENT``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
         """Draw the critic's weights from PyTorch's random stream."""
@@ -31,11 +31,11 @@ class RecurrentPPO:
         self._critic_optimizer = torch.optim.Adam(self._critic.parameters(), RECURRENT.critic_learning_rate)
 
     def state(self) -> dict[str, Any]:
-        """The critic and both optimizers, for a checkpoint."""
+        """Returns the state of the critic and both optimizers, for a checkpoint."""
         return {name: part.state_dict() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set critic and optimizers to a state."""
+        """Restore critic and optimizers from ``state``."""
         for name, part in self._parts.items():
             part.load_state_dict(state[name])
 
@@ -56,15 +56,15 @@ class RecurrentPPO:
         random: np.random.Generator,
         learning_rate: float,
     ) -> None:
-        """Learn from an update's episodes.
+        """Learn from the episodes of an update.
 
         Args:
-            observations: normalised, (T + 1, N, O), the last of them after the last step.
+            observations: normalised, (T + 1, N, O); the last one follows the last step.
             actions: with exploration noise, before clipping, (T, N, A).
             rewards: scaled, (T, N).
             action_std: standard deviation of the actions.
-            random: stream of minibatches.
-            learning_rate: of the policy; with 0 only the critic learns.
+            random: random stream of the minibatches.
+            learning_rate: learning rate of the policy; with 0 only the critic learns.
         """
         for group in self._optimizer.param_groups:
             group["lr"] = learning_rate
@@ -108,7 +108,7 @@ class RecurrentPPO:
         advantage: Tensor,
         action_std: float,
     ) -> list[float]:
-        """Gradient steps of the policy; returns the approximate Kullback-Leibler divergence of each window."""
+        """Make the policy's gradient steps. Returns the approximate Kullback-Leibler divergence of each window."""
         memory, divergences, clip_range = None, list[float](), RECURRENT.clip_range
         for window in windows():
             means, memory = self._network(observations[window], memory)
@@ -130,7 +130,7 @@ def advantages(
 ) -> Tensor:
     """Generalised advantage estimates (T, N) of truncated episodes.
 
-    ``rewards`` are (T, N), ``values`` (T + 1, N); the last value estimates the return after the last step.
+    ``rewards`` are (T, N), ``values`` (T + 1, N). The last value estimates the return after the last step.
     """
     errors = rewards + gamma * values[1:] - values[:-1]
     estimates = torch.empty_like(errors)

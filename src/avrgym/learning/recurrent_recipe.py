@@ -1,11 +1,12 @@
 """Recipe of recurrent policies (``--recipe adaptive``): imitation, then PPO, the same for every environment.
 
-The imitated expert knows the person's state without tremor; the policy sees only observations, and has to remember the
-rest (Chen et al., "Learning by cheating", CoRL 2019). It imitates by dataset aggregation, with the error of the tool as
-loss, see ``tool_loss``. PPO follows, on the task's reward with penalties for force.
+The imitated expert uses the whole state of the person, without tremor. The policy gets only observations, and its
+memory must infer the rest (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset aggregation with the
+error of the tool's motion as loss, see ``tool_loss``. PPO follows, with the task's reward and penalties for force.
 
-The partners are the population ``zoo/train`` with every impairment, and Revised people who keep still: in imitation
-in turn, in PPO all in each update. A policy may replace the expert as teacher, or be trained further.
+The partners are the population ``zoo/train`` with every impairment, and Revised people without motion. Imitation uses
+one group in each update, PPO all groups in each update. A policy may replace the expert as teacher, or be trained
+further.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -39,7 +40,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import sizes, task_and_scene
 
 STILL_PARTNER = (REVISED, "none")
-"""People and impairment of the partner who keeps still."""
+"""People and impairment of the partner without motion."""
 TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 """Copies of the teacher and of the initial policy in the folder of a training."""
 
@@ -52,10 +53,10 @@ class ArmDemonstration(Demonstration):
 
 
 def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
-    """Teacher and initial policy, where they are named, by the name of their copy in the training's folder.
+    """Load the configured teacher and initial policy, by the name of their copy in the training's folder.
 
     Raises:
-        ValueError: for an unknown or unsuitable policy, with the allowed values.
+        ValueError: for an unknown or unsuitable policy. The message contains the allowed values.
     """
     policies = {TEACHER_FILE: _find_teacher(configuration), INITIAL_FILE: _find_initial(configuration)}
     return {name: policy for name, policy in policies.items() if policy is not None}
@@ -99,7 +100,7 @@ class RecurrentRecipe:
         _, scene = task_and_scene(configuration.environment, configuration.settings)
         self._tool_motion = ToolMotion(scene)
         self._normaliser = Normaliser(observation_of(configuration.environment), RECURRENT.gamma)
-        torch.set_num_threads(1)  # more would change the order of sums
+        torch.set_num_threads(1)  # more threads would change the order of sums
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
             if self._initial is None:
@@ -245,7 +246,7 @@ class RecurrentRecipe:
         return self._network.policy(self._normaliser, metadata, action_std)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Lower the error of the tool in all demonstrations; longer in the last round."""
+        """Reduce the tool's motion error over all demonstrations. The last round has more gradient steps."""
         observed, actions, joint_positions = (
             self._demonstrations.joined(name, axis=1)
             for name in ("observations", "actions", "joint_positions")
@@ -275,7 +276,7 @@ class RecurrentRecipe:
 
 
 def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> Update:
-    """Means over the episodes that the policy drove."""
+    """Mean reward and success rate of the episodes that the policy drove."""
     episodes = rollout.episodes(own)
     if not episodes:
         return Update(stage, None, None)

@@ -1,7 +1,7 @@
-"""Rollouts: whole episodes for training, reproducible from policy and request in any process.
+"""Rollouts: whole episodes for training. Policy and request determine a rollout, in any process.
 
-The worlds of an update may therefore be shared among processes, and a lost part can be repeated. On an engine with its
-own device the arrays stay there for the whole episode.
+Several processes can therefore share the worlds of an update, and a lost part can be repeated. On an engine with a
+device, arrays stay on the device for the whole episode.
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,9 @@ from avrgym.tasks.task import Controller
 
 @dataclass(frozen=True)
 class WorldSettings:
-    """Settings of a training's worlds, which a process compiles once.
+    """Settings of a training's worlds. A process compiles the worlds once.
 
-    On any engine but threads they stay on its device.
+    On an engine with a device, control steps run on the device.
     """
 
     environment: str
@@ -49,21 +49,21 @@ class WorldSettings:
 
 @dataclass(frozen=True)
 class RolloutRequest:
-    """Whole episodes in n of a training's worlds.
+    """A request for whole episodes in n of a training's worlds.
 
     Args:
-        settings: of the worlds.
+        settings: settings of the worlds.
         first_world: number of the first world in the training.
         episode_seeds: seeds of the episodes, (n,).
-        noise_seed: seed of the training and environment steps so far, which with the world's number seed the
-            exploration noise; without it there is no noise.
-        expert_drives: (n,) worlds that an expert drives, see ``_expert_for``; the expert's actions are then recorded
-            in all worlds. Experts compute on the host only.
+        noise_seed: seed of the training and number of past environment steps. Together with the world's number they
+            seed the exploration noise. ``None``: no noise.
+        expert_drives: mask (n,) of worlds that an expert drives, see ``_expert_for``. The expert's actions are then
+            recorded in all worlds. Experts compute on the host only.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
-        rewarded_force_n: upper limit of the force that a task's reward pays for.
-        overload_weight: reward penalty in a step in which a body region bears its transient limit; it grows linearly
-            from half the limit. Measured on the host only.
+        rewarded_force_n: force above this limit gives no further reward.
+        overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
+            penalty increases linearly from half the limit. Only on the host.
         detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
         shared_reward: whether a human gets the robot's reward, see ``Episodes.human_reward``.
     """
@@ -85,10 +85,11 @@ class RolloutRequest:
 class Rollout:
     """Whole episodes of n worlds; arrays have the time axis first, T steps, then the world axis.
 
-    ``observations`` (T + 1, n, O) are not normalised; the last one follows the last step. ``actions`` (T, n, J) are
-    the policy's before clipping, or the expert's. ``rewards`` (T, n) contain the request's penalties. Per episode
-    (n,), always on the host: the sum of the task's own rewards, success, and mean force on the person. The others are
-    tensors where the worlds are on a device. ``joint_positions`` (T, n, J), before each step, exist with an expert.
+    ``observations`` (T + 1, n, O) are not normalised; the last one follows the last step. ``actions`` (T, n, J) are the
+    policy's actions before clipping, or the expert's. ``rewards`` (T, n) contain the request's penalties.
+    ``joint_positions`` (T, n, J), before each step, exist only with an expert. If the worlds are on a device, these
+    arrays are tensors. The results per episode (n,) are always on the host: the sum of the task's rewards without
+    penalties, success, and mean force on the person.
     """
 
     observations: Any
@@ -101,7 +102,7 @@ class Rollout:
 
     @classmethod
     def joined(cls, parts: list["Rollout"]) -> "Rollout":
-        """One rollout of the worlds of several."""
+        """Combine rollouts of different worlds into one."""
         if len(parts) == 1:
             return parts[0]
         names = parts[0]._arrays
@@ -118,7 +119,7 @@ class Rollout:
         return {name: array for name, array in arrays.items() if array is not None}
 
     def episodes(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
-        """Return and success of each episode, or of some."""
+        """Return and success of each episode, or of the episodes ``of``."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
 
@@ -133,12 +134,12 @@ def roll_out(policy: Policy, request: RolloutRequest) -> Rollout:
 
 
 def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Rollout]:
-    """Run a request's episodes, and return them from the robot's view, and from the human's if a human acts.
+    """Run a request's episodes. Returns a rollout from the robot's view, and one from the human's view if a human acts.
 
-    ``policies`` are the robot's and, if a human acts, the human's.
+    ``policies`` contains the robot's policy and, if a human acts, the human's.
 
     Raises:
-        RuntimeError, ValueError: where episodes on a device are invalid, see ``Episodes.check``.
+        RuntimeError, ValueError: for invalid episodes on a device, see ``Episodes.check``.
     """
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0
@@ -186,7 +187,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
 
 
 def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
-    """One control step, and the overload (n,) of the most loaded body region in its physics steps.
+    """Take a control step. Returns it with the maximum overload (n,) of a body region in its physics steps.
 
     The overload is 0 up to half the transient limit and 1 at the limit.
     """
@@ -210,7 +211,7 @@ def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Co
 
 
 class _Agent:
-    """One agent in the worlds of a request: its observations, actions and rewards, where its worlds are."""
+    """One agent in the worlds of a request: its observations, actions and rewards, on the device of the worlds."""
 
     def __init__(self, policy: Policy, noise: NoiseStream, request: RolloutRequest, first: Any) -> None:
         """Start with the first observations, (n, O)."""
@@ -234,7 +235,7 @@ class _Agent:
         return self.actions[-1]
 
     def rollout(self, returns: FloatArray, success: BoolArray, force_n: FloatArray) -> Rollout:
-        """The rollout, with the results of its episodes."""
+        """Returns the rollout with the results of its episodes."""
         xp = self._xp
         rewards = xp.astype(xp.stack(self.rewards), xp.float32)
         return Rollout(
@@ -254,7 +255,7 @@ def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> Floa
 
 
 def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: bool) -> FloatArray:
-    """The request's penalties in a step, (n,)."""
+    """The sum (n,) of the request's penalties in a step."""
     penalty = request.force_weight_per_n * step.force_on_person_n + _excess_reward(
         request.rewarded_force_n, worlds, step
     )
@@ -265,7 +266,7 @@ def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: boo
 
 
 def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
-    """The reward (n,) for forces beyond a limit; the names of such reward terms end with their unit."""
+    """The reward (n,) for forces above a limit. The names of such reward terms end with the unit ``_n``."""
     xp = namespace(step.reward)
     excess = xp.zeros_like(step.reward)
     for name, weight in worlds.task.weights.items():
@@ -279,10 +280,10 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
 def worlds_of(
     settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
-    """The worlds of a request; a process caches two sizes, since the parts of an update have at most two.
+    """The worlds of a request. A process caches two sizes, because the parts of an update have at most two sizes.
 
     Raises:
-        ValueError: for more worlds than there is memory for.
+        ValueError: for more worlds than memory allows.
     """
     return Episodes(
         settings.environment,

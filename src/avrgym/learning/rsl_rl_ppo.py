@@ -1,8 +1,8 @@
-"""PPO on the device where the worlds are, by RSL-RL (ETH Zurich and NVIDIA).
+"""PPO on the device of the worlds, with RSL-RL (ETH Zurich and NVIDIA).
 
 Network, optimizer and schedules are Stable-Baselines3's, so initial weights, imitation, checkpoints and policy files
-are the same as on the host. RSL-RL keeps episodes and minibatches on the device. Two things differ: the gradients of
-actor and critic are clipped separately, and all minibatches have the same size, the one nearest to ``batch_size``.
+are the same as on the host. RSL-RL stores episodes and minibatches on the device. Two details differ: the gradients of
+actor and critic are clipped separately, and all minibatches have the same size, close to ``batch_size``.
 
 Needs the extra ``gpu``.
 """
@@ -23,7 +23,7 @@ from avrgym.learning.ppo import steps_of
 from avrgym.system import random_streams
 
 OBSERVATIONS = "policy"
-"""RSL-RL's name of the observations."""
+"""RSL-RL's name for the observations."""
 
 
 class _Libraries(NamedTuple):
@@ -34,10 +34,10 @@ class _Libraries(NamedTuple):
 
 
 def libraries() -> _Libraries:
-    """RSL-RL's modules.
+    """Import RSL-RL's modules.
 
     Raises:
-        RuntimeError: without the extra ``gpu``.
+        RuntimeError: if the extra ``gpu`` is not installed.
     """
     names = (*(f"rsl_rl.{name}" for name in _Libraries._fields[:-1]), "tensordict")
     try:
@@ -51,7 +51,8 @@ def libraries() -> _Libraries:
 class DevicePPO:
     """A ``ppo.PolicyUpdate`` on a device.
 
-    Minibatches follow from the training's seed and its steps so far: a checkpoint contains no random state of a device.
+    The training's seed and the number of past steps determine the minibatches. A checkpoint therefore contains no
+    random state of a device.
     """
 
     def __init__(self, configuration: FeedforwardConfiguration) -> None:
@@ -60,7 +61,7 @@ class DevicePPO:
         self._algorithm: Any = None
 
     def __call__(self, model: PPO, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
-        """Improve a model, which moves to the device of the episodes."""
+        """Improve a model. It is moved to the device of the episodes."""
         if self._algorithm is None:
             _move(model, observations.device)
             self._algorithm = self._algorithm_of(model, observations[0])
@@ -77,7 +78,7 @@ class DevicePPO:
             model.logger.record(f"train/{ours}", float(np.mean([each[theirs] for each in losses])))
 
     def _algorithm_of(self, model: PPO, first: Tensor) -> Any:
-        """RSL-RL's PPO with the model's own network and optimizer; ``first`` are observations (N, O)."""
+        """Create RSL-RL's PPO with the model's network and optimizer. ``first`` are observations (N, O)."""
         of, configuration, policy = self._libraries, self._configuration, model.policy
         torso = policy.mlp_extractor
         noise = {"class_name": "GaussianDistribution", "std_type": "log", "learn_std": False}
@@ -112,7 +113,7 @@ class DevicePPO:
     def _model_of(
         self, first: Tensor, outputs: int, layers: list[nn.Module], noise: dict[str, Any] | None
     ) -> Any:
-        """A model of RSL-RL with these layers."""
+        """Create a model of RSL-RL with these layers."""
         net = self._libraries.models.MLPModel(
             self._named(first),
             {OBSERVATIONS: [OBSERVATIONS]},
@@ -131,9 +132,9 @@ class DevicePPO:
         )
 
     def _store(self, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
-        """Store episodes in the algorithm, with actions' probabilities and values.
+        """Store episodes in the algorithm, with the actions' probabilities and values.
 
-        Episodes are truncated, not terminated: the critic's value follows the last step.
+        Episodes are truncated, not terminated: the last step is bootstrapped with the critic's value.
         """
         algorithm = self._algorithm
         algorithm.storage.clear()

@@ -17,12 +17,13 @@ from avrgym.envs.vector_conventions import NO_TIME_LIMIT
 class SB3VectorEnv(VecEnv):
     """The native vector environment for Stable-Baselines3.
 
-    The infos of a finished episode contain ``success``, ``episode_return``, the sum of its rewards, and
-    ``episode_force_n``, the mean force on the person in newtons.
+    The infos of a finished episode contain ``success``, ``episode_return`` (the sum of its rewards) and
+    ``episode_force_n`` (the mean force on the person in newtons).
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
-        """Raise ``ValueError`` for other autoreset modes than SAME_STEP, and for episodes without an end."""
+        """Wrap the environment. Raises ``ValueError`` if its autoreset mode is not SAME_STEP or its episodes never
+        end."""
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(
                 f"autoreset mode {env.autoreset_mode.name} does not fit Stable-Baselines3; allowed: "

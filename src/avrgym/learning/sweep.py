@@ -1,6 +1,6 @@
 """Sweeps: many trainings on a Ray cluster, scheduled by Ray Tune. Needs the extras ``train`` and ``cluster``.
 
-Each training has its own folder, takes one core, and gives the same weights as ``training.train``.
+Each training has its own folder, uses one core, and gives the same weights as ``training.train``.
 """
 
 # Ray Tune's types are known only in part.
@@ -28,18 +28,18 @@ from avrgym.system.locks import locked
 
 SWEEP_FILE = "sweep.toml"
 SCHEDULE_FOLDER = "schedule"
-"""Ray Tune's state of the trainings, a folder for each group."""
+"""Folder with Ray Tune's state, with a subfolder for each group of trainings."""
 NO_REWARD = -1e9
-"""Mean reward before an episode has ended."""
+"""Placeholder for the mean reward before an episode has ended."""
 
 Report = Callable[[str, int], None]
-"""Called with the name of a training and its environment steps so far."""
+"""Function that is called with the name of a training and its number of environment steps."""
 _report: ContextVar[Report] = ContextVar("_report")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a training; ``reward_mean`` and ``success_rate`` are None for a training that was stopped early."""
+    """The result of a training. ``reward_mean`` and ``success_rate`` are None if it was stopped early."""
 
     env: str
     people: str
@@ -56,8 +56,8 @@ def create(file: Path, out: Path) -> None:
     """Create the folder of a new sweep, with a copy of its file.
 
     Raises:
-        ValueError: for an invalid sweep, with the allowed values.
-        FileExistsError: when ``out`` already contains a sweep.
+        ValueError: for an invalid sweep. The message contains the allowed values.
+        FileExistsError: if ``out`` already contains a sweep.
     """
     planned(read_sweep(file), str(file))
     if (out / SWEEP_FILE).exists():
@@ -67,10 +67,10 @@ def create(file: Path, out: Path) -> None:
 
 
 def plan_of(out: Path) -> dict[str, list[PlannedTraining]]:
-    """The trainings of the sweep in a folder, by group.
+    """Read the trainings of the sweep in a folder, by group.
 
     Raises:
-        ValueError: when it contains none.
+        ValueError: if the folder contains no sweep.
     """
     return planned(_stored(out), str(out / SWEEP_FILE))
 
@@ -85,12 +85,12 @@ def _stored(out: Path) -> Sweep:
 def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
     """Run, or continue, all trainings of the sweep in ``out`` on the connected cluster.
 
-    Trainings of a group run at the same time, on all cores or ``jobs`` of them; then the next group follows. Every
-    node must find the folder at the same path.
+    Trainings of a group run in parallel, on all cores or on ``jobs`` cores. Then the next group follows. The folder
+    must have the same path on every node.
 
     Raises:
-        ValueError: when the folder contains no sweep, or another process runs it.
-        RuntimeError: naming the trainings that failed; the others are complete.
+        ValueError: if the folder contains no sweep, or another process runs it.
+        RuntimeError: if trainings failed. The message contains the first error. All other trainings are complete.
     """
     sweep = _stored(out)
     groups = planned(sweep, str(out / SWEEP_FILE))
@@ -105,14 +105,16 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
         finally:
             _report.reset(token)
     if failed:
-        raise RuntimeError(f"of {sum(map(len, groups.values()))} trainings {len(failed)} failed: {failed[0]}")
+        raise RuntimeError(
+            f"{len(failed)} of {sum(map(len, groups.values()))} trainings failed; the first error is: {failed[0]}"
+        )
     return [_outcome(out, each) for group in groups.values() for each in group]
 
 
 def _run_group(
     out: Path, name: str, group: Sequence[PlannedTraining], stopping: Stopping | None, jobs: int | None
 ) -> list[str]:
-    """Run a group; returns the errors of failed trainings."""
+    """Run a group. Returns the errors of failed trainings."""
     schedule = out / SCHEDULE_FOLDER / name
     trainable = tune.with_resources(_train_one, {"cpu": 1})
     if tune.Tuner.can_restore(str(schedule)):
@@ -157,7 +159,7 @@ class _Listener(tune.Callback):
 
 
 def _train_one(given: dict[str, Any]) -> None:
-    """On a worker: run or continue one training, and report to Ray Tune after every update."""
+    """Run or continue one training on a worker, and report to Ray Tune after every update."""
     out = Path(given["training"]["folder"])
     configuration = msgspec.convert(given["training"]["configuration"], FeedforwardConfiguration)
 
@@ -201,7 +203,7 @@ def _outcome(out: Path, each: PlannedTraining) -> Outcome:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Keep Ray Tune from writing its own logs, from printing, and from handling Ctrl+C."""
+    """Turn off Ray Tune's log files, output and handling of Ctrl+C."""
     variables = {
         "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
         "TUNE_DISABLE_SIGINT_HANDLER": "1",

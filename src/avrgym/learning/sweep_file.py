@@ -1,4 +1,4 @@
-"""Files of sweeps: TOML with environments, people, recipes and seeds, of which a sweep trains every combination."""
+"""Sweep files: TOML with environments, people, recipes and seeds. A sweep trains every combination of them."""
 
 from itertools import product
 from pathlib import Path
@@ -21,9 +21,9 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Early stopping of trainings with low rewards: asynchronous successive halving.
 
-    After ``after_steps``, and again after each ``factor`` times as many, a training continues only if its mean reward
-    is among the best 1/``factor`` at that point (Li et al., "A System for Massively Parallel Hyperparameter Tuning",
-    MLSys 2020).
+    Trainings are compared after ``after_steps``, and each time the number of steps has been multiplied by ``factor``. A
+    training continues only if its mean reward is among the best 1/``factor`` at that point (Li et al., "A System for
+    Massively Parallel Hyperparameter Tuning", MLSys 2020).
     """
 
     after_steps: Annotated[int, Meta(ge=1)]
@@ -31,7 +31,7 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The contents of a file. A recipe is a name with the hyperparameters that differ from the task's."""
+    """The contents of a sweep file. A recipe is a name with the hyperparameters that differ from the task's."""
 
     environments: Annotated[tuple[str, ...], Meta(min_length=1)]
     steps: Annotated[int, Meta(ge=1)]
@@ -53,11 +53,11 @@ class PlannedTraining(NamedTuple):
 
 
 def read_sweep(path: Path) -> Sweep:
-    """Read a file.
+    """Read a sweep file.
 
     Raises:
-        ValueError: for invalid TOML, keys or values, with the allowed values.
-        OSError: when it cannot be read.
+        ValueError: for invalid TOML, keys or values. The message contains the allowed values.
+        OSError: if the file cannot be read.
     """
     values = read_toml(path)
     unknown = ", ".join(values.keys() - set(Sweep.__struct_fields__))
@@ -70,10 +70,10 @@ def read_sweep(path: Path) -> Sweep:
 
 
 def planned(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
-    """The trainings by group; those of a group have the same environment and people, and are compared.
+    """The trainings of a sweep by group. Trainings of a group have the same environment and people, and are compared.
 
     Raises:
-        ValueError: for an unknown environment, people, impairment or setting, with the allowed values.
+        ValueError: for an unknown environment, people, impairment or setting. The message contains the allowed values.
     """
     find_impairment(sweep.impairment)
     groups: dict[str, list[PlannedTraining]] = {}

@@ -1,7 +1,7 @@
 """Loss of imitation by recurrent policies: the motion error of the tool.
 
-An error of an action moves the tool by centimetres at the shoulder and by millimetres at the wrist, and the errors of
-several joints add up or cancel; least squares over actions ignore this. Errors count relative to the demonstrated
+An action error at the shoulder moves the tool by centimetres, an error at the wrist by millimetres. Errors of several
+joints add up or cancel. Least squares over actions ignore this. Errors are weighted relative to the demonstrated
 motion, because slow motions near the skin need more precision.
 """
 
@@ -20,14 +20,14 @@ from avrgym.tasks.placement import arm_chain
 UNIT_M, UNIT_RAD = 0.02, 0.2
 """Errors of position and rotation in a control step that count as 1; at a lever of 0.1 m they are equal."""
 MOTION_SCALE = 0.25
-"""A demonstrated motion of this length (5 mm, or 0.05 rad) halves the weight of its error, one ten times longer
-reduces it to a hundredth."""
+"""Demonstrated motion (5 mm, or 0.05 rad) that halves the weight of its error. Ten times this motion reduces the weight
+to a hundredth."""
 ACTIONS_WEIGHT = 0.1
-"""Weight of the actions' own error, for motions of the elbow that do not move the tool."""
+"""Weight of the error of actions, for motions of the elbow that do not move the tool."""
 
 
 class ToolMotion:
-    """The motion of the tool per action of a scene's robot."""
+    """Computes the tool's motion from the actions of a scene's robot."""
 
     def __init__(self, scene: SceneConfig) -> None:
         self._chain = arm_chain(scene)

@@ -1,6 +1,6 @@
 """The trainer: runs the updates of a recipe, with checkpoints, a learning curve and a final evaluation.
 
-Needs the extra ``train``, on a device ``gpu`` too. The result is a policy file that needs no PyTorch.
+Needs the extra ``train``, and ``gpu`` for a device. The result is a policy file that does not need PyTorch.
 """
 
 import io
@@ -65,18 +65,18 @@ __all__ = [
 
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 EVALUATION_EPISODES = 100
-"""Episodes of the final evaluation."""
+"""Number of episodes of the final evaluation."""
 STORED_RESULTS = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
-"""Results of the final evaluation that a policy's file contains."""
+"""Names of the results of the final evaluation that the policy file contains."""
 CURVE_POINTS = 100
-"""Points of the learning curve that a policy's file contains."""
+"""Maximum number of points of the learning curve in a policy file."""
 WORLD_BYTES = 4 << 20
 """Upper bound of the memory of a world and its part of a rollout: 2.7 MB for the PR2 with 64 spheres of water."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a training: its stage, environment steps so far, and results of the policy's latest episodes.
+    """Progress of a training: its stage, number of environment steps, and results of the policy's latest episodes.
 
     Mean reward and success rate are None before the policy has had episodes.
     """
@@ -97,21 +97,22 @@ def train(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Train a policy, and write it, its configuration, its checkpoint and TensorBoard's log into ``out``.
+    """Train a policy. Write it, its configuration, its checkpoint and TensorBoard's log into ``out``.
 
-    With a pairing ``human.safetensors`` is the human. The policy's file contains results on the validation split.
-    A training that is interrupted leaves its latest policy and checkpoint; ``resume`` continues it.
+    With a pairing, ``human.safetensors`` is the human. The policy file contains results on the validation split. If the
+    training is interrupted, the folder contains the latest policy and checkpoint; ``resume`` continues it.
 
     Args:
         configuration: what to train.
         out: a folder without a training.
         report: called after every update.
-        cluster: its workers run the episodes; without it this process does. The weights are the same.
+        cluster: a cluster whose workers run the episodes. Without a cluster, this process runs them. The weights are
+            the same.
 
     Raises:
-        ValueError: for an unknown environment, people or policy, and where another training starts in ``out``.
-        FileExistsError: when ``out`` already contains a training.
-        RuntimeError: where the worlds do not fit into the cluster's memory, or the cluster does not answer.
+        ValueError: for an unknown environment, people or policy, or if another process starts a training in ``out``.
+        FileExistsError: if ``out`` already contains a training.
+        RuntimeError: if the worlds do not fit into the cluster's memory, or the cluster does not answer.
     """
     _check_unused(out)
     _check(configuration, configuration.people, cluster)
@@ -139,20 +140,19 @@ def resume(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Continue the training in ``out`` from its latest checkpoint; the weights are as without the interruption.
+    """Continue the training in ``out`` from its latest checkpoint. The interruption does not change the weights.
 
     A training without a checkpoint starts again, with the same seed.
 
     Args:
         out: the folder of the training.
         report: called after every update.
-        steps: environment steps in all, more than so far; without it those of the configuration. Imitation stays as
-            long as it was, and PPO has the learning rate and the exploration noise of so long a training.
+        steps: new total number of environment steps; default: that of the configuration. Imitation keeps its length.
+            PPO uses the learning rate and the exploration noise of a training of this length.
         cluster: as for ``train``.
 
     Raises:
-        ValueError: when there is none, when it is complete, when another process continues it, or when its files are
-            damaged.
+        ValueError: if there is no training, it is complete, another process continues it, or its files are damaged.
     """
     configuration = stored = stored_configuration(out)
     _check(configuration, stored_people(configuration.people, out), cluster)
@@ -175,7 +175,7 @@ def _check_unused(out: Path) -> None:
 
 
 def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
-    """The configuration with other steps in all."""
+    """The configuration with another total number of steps."""
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
@@ -184,7 +184,7 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
 
 
 def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
-    """Refuse a training that cannot run, before anything is written."""
+    """Raise an error for a training that cannot run, before anything is written."""
     task_and_scene(configuration.environment, configuration.settings)
     environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
@@ -201,15 +201,15 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
-    """Refuse more worlds than fit into this computer's memory, or with a cluster, more episodes."""
+    """Raise ``ValueError`` if the worlds (with a cluster: the episodes) do not fit into this computer's memory."""
     observation, action = sizes(configuration.environment)
     episode = EPISODE_STEPS * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
     needed, available = worlds * (episode if cluster else WORLD_BYTES), memory_bytes()
     if available is not None and needed > available:
         raise ValueError(
-            f"{worlds} worlds would take {needed / 2**30:.1f} GiB of this computer's memory, which has "
-            f"{available / 2**30:.1f}; allowed: {available * worlds // needed} worlds or fewer"
+            f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "
+            f"{available / 2**30:.1f} GiB; allowed: {available * worlds // needed} worlds or fewer"
         )
 
 
@@ -233,16 +233,16 @@ class _Trainer:
         self._seconds_before, self._started = 0.0, time.monotonic()
 
     def restore(self) -> None:
-        """Set everything to the latest checkpoint.
+        """Restore the latest checkpoint.
 
         Raises:
-            ValueError: for a damaged file, and when the training is complete.
+            ValueError: for a damaged file, or if the training is complete.
         """
         path = self._out / CHECKPOINT_FILE
         try:
             tensors: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
             values: dict[str, Any] = json.loads(tensors["notes"])
-        except Exception as error:  # torch raises many kinds
+        except Exception as error:  # torch raises many types of exceptions
             raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
         try:
             self._recipe.restore(tensors, values)
@@ -258,7 +258,7 @@ class _Trainer:
             )
 
     def run(self) -> Policy:
-        """Make the remaining updates, and evaluate the finished policy."""
+        """Run the remaining updates, and evaluate the finished policy."""
         recipe, configuration = self._recipe, self._configuration
         while recipe.steps < configuration.steps:
             update = recipe.update()
@@ -327,7 +327,7 @@ class _Trainer:
         return best
 
     def _results(self) -> dict[str, Any]:
-        """Results of the saved policy with its training's people, or with the human who was trained with it."""
+        """Results of the saved policy with the training population, or with the human that was trained with it."""
         configuration, out = self._configuration, self._out
         people, impairment = stored_people(configuration.people, out), "none"
         if isinstance(configuration, FeedforwardConfiguration):
@@ -350,7 +350,7 @@ class _Trainer:
 
     @property
     def _seconds(self) -> float:
-        """Duration of the training so far."""
+        """Duration of the training until now, in seconds."""
         return self._seconds_before + time.monotonic() - self._started
 
 
@@ -360,14 +360,14 @@ def with_metadata(policy: Policy, **changes: Any) -> Policy:
 
 
 def downsampled(curve: list[CurvePoint]) -> list[CurvePoint]:
-    """At most ``CURVE_POINTS`` points of a curve, including the last one."""
+    """Reduce a curve to at most ``CURVE_POINTS`` points, including the last one."""
     stride = -(-len(curve) // CURVE_POINTS) or 1
     return curve[::-stride][::-1]
 
 
 @cache
 def _git_commit() -> str:
-    """The commit of this code; empty where it is unknown."""
+    """The Git commit of this code; empty if it is unknown."""
     found = subprocess.run(
         ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
     )

@@ -1,7 +1,7 @@
-"""Evaluates a headset check: whether a session may begin, and what to do otherwise.
+"""Evaluates a headset check: whether a session may begin, and otherwise the remedies.
 
-The limits are design choices. A display below 60 Hz flickers. Dropped frames are visible; many people do not bear 5 %
-for half an hour. Jitter above the limits means that tracking is disturbed.
+The limits are design choices. A display below 60 Hz flickers. Dropped frames are visible, and many people do not
+tolerate 5 % for half an hour. Jitter above the limits means that tracking is disturbed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ MAX_DROPPED_SHARE = 0.05
 MAX_LATENCY_MS = 100.0
 MIN_TRACKED_SHARE = 0.95
 MAX_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
-"""By tracked device. Cameras track a bare hand less precisely."""
+"""Maximum jitter by tracked device, mm. Cameras track a bare hand less precisely."""
 MIN_FRAMES = 30
 
 
@@ -31,7 +31,7 @@ def faults(check: HeadsetCheck) -> list[Text]:
 
 
 def result_message(check: HeadsetCheck, most: int) -> Text:
-    """The result for the participant, with at most ``most`` faults and the number of further ones."""
+    """The result for the participant, with at most ``most`` faults and the number of further faults."""
     found = faults(check)
     if not found:
         return Text("headset_ready")

@@ -1,4 +1,4 @@
-"""How late pictures are behind poses: percentiles over recorded frames, stage by stage."""
+"""Latency from pose to picture: percentiles over recorded frames, for each stage and in total."""
 
 from collections.abc import Sequence
 
@@ -14,10 +14,10 @@ STAGE_LABELS = {
     "down_ms": "down",
     "draw_ms": "drawing",
 }
-"""What people read for each stage, in the order of the way."""
+"""Labels of the stages, in order."""
 STAGES = tuple(STAGE_LABELS)
 TOTAL = "total_ms"
-"""From pose to picture."""
+"""Name of the total latency from pose to picture."""
 SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
@@ -27,7 +27,7 @@ def is_complete(latency: Latency) -> bool:
 
 
 def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
-    """By name of stage, and from pose to picture as ``total_ms``, the percentiles; empty where there is no frame."""
+    """Percentiles in milliseconds by stage, and of the total latency as ``total_ms``; empty without frames."""
     stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
     if not stages[STAGES[0]].size:
         return {}

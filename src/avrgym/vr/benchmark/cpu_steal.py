@@ -1,7 +1,7 @@
-"""CPU steal, when processors stood still: the host of a virtual machine lets others run on them, and tells nobody when.
+"""Measures CPU steal: periods in which the host of a virtual machine runs other machines on its processors.
 
-On each processor a process sleeps for a millisecond again and again, and goes before all else that the system runs
-there. Where it sleeps for longer, nothing ran there at all.
+On each processor a real-time process repeatedly sleeps for a millisecond, with a priority above all other processes. If
+a sleep takes longer, nothing ran on this processor in the meantime.
 """
 
 import multiprocessing
@@ -18,19 +18,19 @@ from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
 LEAST_S = 0.001
-"""What sleeps may last longer than asked for, for reasons that are the system's own."""
+"""Allowed excess of a sleep's duration, because of the operating system."""
 PRIORITY = 50
-"""Among the system's real-time processes, 1 to 99: before the simulation's."""
+"""Real-time priority of the process, 1 to 99: above the simulation's."""
 
 Span = tuple[float, float]
-"""Beginning and end, seconds of the system's monotonic clock."""
+"""A period: beginning and end in seconds of the system's monotonic clock."""
 
 
 class CpuSteal:
-    """Watches every processor from its entering to its leaving; then ``spans`` are when any of them stood still.
+    """Context manager that monitors every processor. Afterwards ``spans`` are the periods in which any was stopped.
 
-    They are in order and apart from each other; ``None`` where the system does not let itself be watched: that takes
-    Linux, and root or a limit ``rtprio``.
+    The periods are sorted and disjoint. ``spans`` is ``None`` if the system cannot be monitored, which needs Linux, and
+    root or the limit ``rtprio``.
     """
 
     def __init__(self) -> None:
@@ -68,7 +68,11 @@ class CpuSteal:
 
 
 def watch(processor: int, end: Connection) -> None:
-    """A process that watches one processor: says whether it may, and once told to end, when that stood still."""
+    """Main function of the process that monitors one processor.
+
+    Sends through ``end`` whether the system allows this. After a message from ``end`` it sends the periods without
+    processor time, and ends.
+    """
     spans: list[Span] = []
     allowed = _keep_to(processor)
     end.send(allowed)
@@ -83,7 +87,7 @@ def watch(processor: int, end: Connection) -> None:
 
 
 def _keep_to(processor: int) -> bool:
-    """Run on one processor, before all else; whether that is allowed."""
+    """Run this process on one processor with real-time priority. Returns whether the system allows this."""
     try:
         os.sched_setaffinity(0, {processor})
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
@@ -93,7 +97,7 @@ def _keep_to(processor: int) -> bool:
 
 
 def merged(spans: list[Span]) -> list[Span]:
-    """The same times in order and apart."""
+    """Merge overlapping periods. Returns sorted, disjoint periods."""
     apart: list[Span] = []
     for began_s, ended_s in sorted(spans):
         if apart and began_s <= apart[-1][1]:
@@ -104,11 +108,11 @@ def merged(spans: list[Span]) -> list[Span]:
 
 
 def within_s(spans: list[Span], began_s: float, ended_s: float) -> float:
-    """How much of the time from one moment to another lies in spans that are apart."""
+    """Overlap in seconds of the period from ``began_s`` to ``ended_s`` with disjoint spans."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
 def outside(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
-    """Which of n stretches of time, by their beginnings and ends (n,), no span touches; spans in order and apart."""
+    """Boolean mask (n,): periods, given by beginnings and ends (n,), that overlap no span of sorted, disjoint spans."""
     begins_s, ends_s = np.array([*spans, (np.inf, np.inf)]).T
     return ended_s < begins_s[np.searchsorted(ends_s, began_s)]

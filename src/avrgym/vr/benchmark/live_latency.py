@@ -1,7 +1,7 @@
-"""How late the real server is: a session with recording, and a client in a process of its own over loopback.
+"""Measures the latency of the real server: a session with recording, and a client in its own process over loopback.
 
-The client sends tracking like a headset and notes when the first state that follows each frame comes back. All clocks
-are the system's monotonic one, which every process shares.
+The client sends tracking like a headset. It stores the arrival time of the first state that includes each frame. All
+times are of the system's monotonic clock, which all processes share.
 """
 
 import multiprocessing
@@ -39,26 +39,25 @@ HIDDEN_UNITS = 64
 POLICY = "measured"
 TIMEOUT_S = 120.0
 STEAL_COLUMN = 8
-"""Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
+"""Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
 Spread = dict[str, float]
-"""Milliseconds by name of percentile."""
+"""Percentiles in milliseconds, by name."""
 
 
 @dataclass(frozen=True)
 class VrSpeed:
-    """A trial of one environment, live and recorded.
+    """Results of a live, recorded trial in one environment.
 
-    ``rate_hz`` are ticks per second, ``tick_ms`` what one took, ``processor_ms`` how long its thread was on a
-    processor meanwhile. ``missed_deadlines`` ended after the next one was due or were given up; of these
-    ``missed_running`` would also have been late if no processor had stood still, ``None`` where nobody can say (see
-    ``cpu_steal``). ``round_trip_ms`` is the time from a tracking frame's sending to the first state that follows it,
-    and ``stages_ms`` its parts: from the client to the server, in the queue until the next tick, the tick until its
-    state is handed out, and the way back. The ``undisturbed`` are those ticks and round trips
-    during which no processor stood still, ``None`` where there are none or nobody can say. ``stolen_s`` is how much
-    time of all processors other machines on the same host took, from before the client came until the trial was over,
-    where the system knows.
+    ``rate_hz``: ticks per second. ``tick_ms``: duration of a tick. ``processor_ms``: processor time of its thread.
+    ``missed_deadlines``: number of ticks that ended after the next one was due, or were skipped. ``missed_running``:
+    number of these that would also have been late without CPU steal; ``None`` if CPU steal was not measured, see
+    ``cpu_steal``. ``round_trip_ms``: time from sending a tracking frame to the arrival of the first state that includes
+    it. ``stages_ms``: its stages: from client to server, in the queue until the next tick, the tick until its state is
+    sent, and from server to client. ``undisturbed_…``: only ticks and round trips without CPU steal; ``None`` if there
+    are none, or it was not measured. ``stolen_s``: CPU steal of all processors during the trial, as the system reports
+    it.
     """
 
     env: str
@@ -76,12 +75,12 @@ class VrSpeed:
 
 
 def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> VrSpeed:
-    """Measure one environment for so long, driven by what ``policies.registry.find`` finds, else an untrained network.
+    """Measure one environment for ``seconds``, with a policy of ``policies.registry.find`` or an untrained network.
 
     Raises:
-        ValueError: for an unknown environment or policy, naming what there is.
-        ServerError: when the client is not built.
-        RuntimeError: when no trial begins.
+        ValueError: for an unknown environment or policy. The message lists the allowed values.
+        ServerError: if the client is not built.
+        RuntimeError: if no trial begins.
     """
     found = _untrained(environment_id) if policy is None else find(policy, environment_id)
     plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY): found}
@@ -102,7 +101,7 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
 
 
 def _stolen_s() -> float:
-    """What other machines of the same host took so far of all processors' time, seconds; 0 where nothing says so."""
+    """CPU steal of all processors since the start of the system, seconds; 0 if the system does not report it."""
     statistics = Path("/proc/stat")
     if not statistics.exists():
         return 0.0
@@ -116,7 +115,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 
 def _untrained(environment_id: str) -> Policy:
-    """A network of the size of trained ones, with random weights: it takes the same time."""
+    """A network with random weights and the size of trained networks, which needs the same time."""
     size, actions = sizes(environment_id)
     random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
@@ -132,7 +131,7 @@ def _untrained(environment_id: str) -> Policy:
 
 
 class _Times:
-    """When things happened to each tracking frame, and what ticks took, all in seconds, during the trial."""
+    """Times of each tracking frame's stages, and durations of ticks, during the trial; seconds."""
 
     def __init__(self) -> None:
         self.arrived: dict[int, float] = {}
@@ -146,7 +145,7 @@ class _Times:
         self.stolen_s = 0.0
 
     def watch(self, loop: RealTimeLoop[Session]) -> None:
-        """Note when frames reach a loop's inbox."""
+        """Store the times at which frames reach a loop's inbox."""
         post = loop.post
 
         def note(message: Received) -> None:
@@ -157,14 +156,14 @@ class _Times:
         loop.post = note
 
     def note_tick(self, began_s: float, computed_s: float) -> None:
-        """Note a tick that ends now and its processor time."""
+        """Store a tick that ends now, and its processor time."""
         self.began.append(began_s)
         self.took.append(time.monotonic() - began_s)
         self.computed.append(computed_s)
 
 
 class _TimedSession(Session):
-    """A session that notes when it does what."""
+    """A session that stores the times of its messages and ticks."""
 
     def __init__(
         self,
@@ -197,11 +196,11 @@ class _TimedSession(Session):
 
 
 Trips = dict[int, tuple[float, float]]
-"""By number of the tracking frame: when it was sent, and when the first state came that follows it."""
+"""Times by number of the tracking frame: its sending, and the arrival of the first state that includes it."""
 
 
 def _attend(server: LiveServer[Session], seconds: float) -> Trips:
-    """Let the client's process attend until the trial is over; its figures."""
+    """Run the client's process until the trial is over. Returns its round trips."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
         target=run_client,
@@ -214,15 +213,15 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
     )
     with block_terminal_signals():
         client.start()
-    there.close()  # so that its end is noticed here
+    there.close()  # the end of the process is then detected here
     try:
         if not here.poll(seconds + TIMEOUT_S):
-            raise RuntimeError(f"the trial does not end; the session is in phase {server.session.phase}")
+            raise RuntimeError(f"the trial did not end; the session is in phase {server.session.phase}")
         return here.recv()
     except EOFError:
         phase = server.session.phase
         raise RuntimeError(
-            f"the client ended in phase {phase}, before the trial; its error is above"
+            f"the client ended in phase {phase}, before the trial; its error is printed above"
         ) from None
     finally:
         client.terminate()
@@ -230,7 +229,7 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
 
 
 def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
-    """The client's process: sits down, sends tracking, and gives the trips of the trial once it is over."""
+    """Main function of the client's process: calibrate, send tracking, and return the round trips of the trial."""
     with connect(url, max_size=None) as socket:
         socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
         results.send(_Client(socket, environment_id).run())
@@ -324,7 +323,7 @@ def _missed(late: list[LateTick]) -> int:
 
 
 def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
-    """Those ticks that were later than processors stood still since the first of them that follow one another."""
+    """The late ticks whose delay exceeds the CPU steal since the first of a sequence of late ticks."""
     running: list[LateTick] = []
     began_s, next_s = -np.inf, -np.inf
     for tick in late:
@@ -341,7 +340,7 @@ def _spread(seconds: FloatArray) -> Spread:
 
 
 def _undisturbed(stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray) -> Spread | None:
-    """The spread of what took place while no processor stood still."""
+    """Percentiles of the durations of events without CPU steal."""
     if stood_still is None:
         return None
     alone = outside(stood_still, began_s, began_s + took_s)

@@ -31,7 +31,7 @@ FRAME_S = 1.0 / 72.0
 _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
-"""Hides the controls over the picture. The page's security policy forbids style sheets of Playwright."""
+"""Script that hides the controls over the picture. The page's security policy forbids style sheets of Playwright."""
 TIMEOUT_S = 60.0
 PHASE_LIMIT_S = 600.0
 """Maximum duration of a phase, also on a slow computer."""
@@ -42,7 +42,7 @@ class BrowserMissingError(RuntimeError):
 
 
 def find_chromium() -> str | None:
-    """The path of the installed Chromium; ``None`` to use that of Playwright."""
+    """The path of the installed Chromium; ``None``: use Playwright's Chromium."""
     return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
 
 
@@ -63,7 +63,7 @@ class EmulatedHeadset:
             script: runs before the scripts of the page.
 
         Raises:
-            BrowserMissingError: when Playwright or Chromium is missing.
+            BrowserMissingError: if Playwright or Chromium is missing.
         """
         try:
             from playwright.sync_api import Error, sync_playwright
@@ -97,7 +97,7 @@ class EmulatedHeadset:
         self._playwright.stop()
 
     def call(self, function: str, *arguments: Any) -> Any:
-        """Call a function of the page's emulator."""
+        """Call a JavaScript function of the page's emulator, and return its result."""
         return self.page.evaluate(
             "([name, rest]) => window.avrgymEmulator[name](...rest)", [function, list(arguments)]
         )
@@ -108,7 +108,7 @@ class EmulatedHeadset:
         self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
-        """Set the poses of headset and controllers; without ``right`` the right controller stays."""
+        """Set the poses of headset and controllers. Without ``right`` the right controller does not move."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
         self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
 
@@ -170,9 +170,9 @@ class EmulatedHeadset:
 
 
 BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
-"""Values of the buttons that are no answers; see the client's ``paint-panel.ts``."""
+"""Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
-"""The picture that a demonstration takes of the participant's view."""
+"""Delay in each phase, after which a demonstration takes a picture of the participant's view."""
 
 
 class BrowserClient:
@@ -203,10 +203,10 @@ class BrowserClient:
         self._asked = ""
 
     def run(self) -> list[Path]:
-        """Take part until the session is finished; return the pictures.
+        """Take part until the session is finished. Returns the paths of the pictures.
 
         Raises:
-            TimeoutError: when the session stays in one phase for ten minutes.
+            TimeoutError: if the session stays in one phase for ten minutes.
         """
         headset, began = self._headset, time.monotonic()
         headset.set_poses(self._participant.frame(0.0, moving=False))

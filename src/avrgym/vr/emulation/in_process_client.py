@@ -8,13 +8,13 @@ from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
 CALIBRATION_S = 1.5
-"""Time that a participant holds still before they press the trigger for calibration."""
+"""Time for which a participant holds still before pressing the trigger for calibration."""
 ANSWER_AFTER_S = 1.5
 MAX_START_ATTEMPTS = 4
 """Maximum number of attempts to start a trial."""
 TRACKING_EVERY_TICKS = 2
 STATE_EVERY_TICKS = 2
-"""Interval at which participants of dry runs receive a state. Another value changes the results of a seed."""
+"""Interval at which participants of dry runs receive a state. Changing it changes the results of a seed."""
 
 
 class InProcessClient:
@@ -47,7 +47,7 @@ class InProcessClient:
         """Take part in the session until it is finished.
 
         Raises:
-            RuntimeError: when a trial does not start, with the session's last problem message.
+            RuntimeError: if a trial does not start. The message contains the session's last problem.
         """
         session.receive(messages.Entered(), self._now_s)
         tick = 0

@@ -1,7 +1,7 @@
 """Simulated participants: they send the tracking frames of a headset and answer the questionnaire.
 
-They sit or lie, sway, and move mouth or arm to the tool by a behaviour model of ``people`` or a trained policy. Dry
-runs, demonstrations and tests use them. All their data are marked as simulated.
+They sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained policy controls
+them. Dry runs, demonstrations and tests use them. All their data are marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint
 )
 """Change of the joint angles (20,) to look at the right arm, within a second."""
 LENIENCY, NOISE = 0.08, 0.1
-"""Standard deviations, between participants and from answer to answer, as shares of a scale."""
+"""Standard deviations of ratings between participants, and between answers, as shares of a scale."""
 
 RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
     "L1": lambda results: 0.9 if results.success else 0.15,
@@ -85,7 +85,7 @@ def draw_traits(
     impairment: Impairment = "none",
     trained: Policy | None = None,
 ) -> Traits:
-    """Traits of one of a kind of people: without another, of the paper's participants; perhaps of a trained human."""
+    """Sample the traits of a participant from a distribution (default: the paper's participants) or a trained human."""
     random = random_streams.participant_traits(seed)
     heights_m = distribution.torso_height_woman_m if sex == "woman" else distribution.torso_height_man_m
     traits = Traits(
@@ -108,7 +108,7 @@ def draw_traits(
 def _with_body(
     traits: Traits, random: np.random.Generator, distribution: Distribution, impairment: Impairment
 ) -> Traits:
-    """The traits with the body of a partner, if any, and an impairment."""
+    """Returns the traits with the joint ranges, strength and tremor of a partner, if any, and of an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if distribution.partners is not None:
         drawn = distribution.partners.draw(random.random((1, 2)))
@@ -125,7 +125,7 @@ def _with_body(
 
 @dataclass(frozen=True)
 class _Observation:
-    """The quantities that a behaviour model observes, for one person."""
+    """The observation of a behaviour model, for one person."""
 
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
@@ -140,7 +140,7 @@ class SimulatedParticipant:
     """
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
-        """``furniture`` of the room determines the height of the head."""
+        """Create a participant. The room's ``furniture`` determines the height of the head."""
         random = random_streams.participant_motion(seed)
         self.traits = traits
         self._random = random
@@ -160,10 +160,10 @@ class SimulatedParticipant:
         self._rest(SEATED, SEATED_RAD)
 
     def adopt_posture(self, environment_id: str) -> None:
-        """Sit or lie as in an environment; does nothing if they already do.
+        """Sit or lie as in an environment. Does nothing if the participant already does.
 
         Raises:
-            ValueError: for an unknown environment, naming what there is.
+            ValueError: for an unknown environment. The message lists the ids.
         """
         if environment_id == self._environment:
             return
@@ -196,7 +196,7 @@ class SimulatedParticipant:
         self._reset_behaviour()
 
     def _reset_behaviour(self) -> None:
-        """Reset the behaviour."""
+        """Start the behaviour model again."""
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._behaviour_state = partner_behaviour.initial_state(
@@ -235,7 +235,8 @@ class SimulatedParticipant:
         bodies: Mapping[str, FloatArray],
         marks_w: FloatArray,
     ) -> None:
-        """Apply an action of the policy for 0.1 s. Its observed forces are 0, because VR has no force feedback."""
+        """Apply an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
+        feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
         goal_w = observation.mouth_pos_w if self._offered == "mouth" else marks_w[0]
         seen = PersonInputs(
@@ -267,9 +268,9 @@ class SimulatedParticipant:
         return _Observation(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
-        """The tracking frame at a time: at rest, or swaying and reacting (``moving``).
+        """The tracking frame at a time, at rest or with sway and reactions (``moving``).
 
-        With ``watching`` they look at their arm, if the task is at the arm.
+        With ``watching`` the participant looks at the arm, if the task is at the arm.
         """
         angles, way_s = self._joint_angles(time_s, moving), time_s - self._turned_s
         wanted = float(watching and self._offered == "arm")
@@ -296,7 +297,7 @@ class SimulatedParticipant:
         )
 
     def answer(self, item: str, points: int, results: AttemptResults) -> int:
-        """A rating of a trial from 1 to ``points`` by the rule of the item; by default about the middle."""
+        """Rate a trial from 1 to ``points`` by the item's rule. Items without a rule get ratings around the middle."""
         wanted = RATINGS[item](results) if item in RATINGS else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))

@@ -1,4 +1,4 @@
-"""Which streams a session sends and receives by Lab Streaming Layer."""
+"""The streams that a session sends and receives by Lab Streaming Layer."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def stream_fault(name: str, query: str) -> str:
-    """The error in a stream's name or query, with what is allowed; empty if both are valid."""
+    """The error in a stream's name or query, with the allowed values; empty if both are valid."""
     if not NAME_PATTERN.fullmatch(name):
         return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
     return (
@@ -33,7 +33,7 @@ def stream_fault(name: str, query: str) -> str:
 
 
 def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
-    """The choice from command-line options; ``ValueError`` for an option that is not ``NAME_PATTERN=QUERY_PATTERN``."""
+    """Read the choice from command-line options. Raises ``ValueError`` if an option is not ``NAME=QUERY``."""
     receive = dict(_named(each) for each in received)
     return StreamChoice(send, receive)
 

@@ -16,19 +16,19 @@ SEARCH_S = 1.0
 OPEN_TIMEOUT_S = 5.0
 """Timeout of requests to a stream."""
 CHUNK_S = 0.05
-"""Duration of a chunk of samples. It is short, so no tick waits for a chunk."""
+"""Maximum duration of a chunk of samples. Short chunks do not delay ticks."""
 CHUNK_SAMPLES = 4096
 MAX_CHUNKS = 600
-"""Maximum number of waiting chunks. Above it the oldest are dropped."""
+"""Maximum number of waiting chunks. Above it the oldest chunks are dropped."""
 BUFFER_S = 60
 SILENT_S, SILENT_INTERVALS = 1.0, 5.0
-"""A stream with a regular rate is lost after this time, and this number of its intervals, without samples."""
+"""A stream with a regular rate is lost if it sends no samples for this time and for this number of intervals."""
 
 
 class Inlet:
-    """Receives the stream that matches a query, and searches for it again when it is lost.
+    """Receives the stream that matches a query. If the stream is lost, searches for it again.
 
-    Time stamps are on the local clock of Lab Streaming Layer, including its time correction.
+    Time stamps are on the local clock of Lab Streaming Layer, with its time correction applied.
     """
 
     def __init__(self, name: str, query: str) -> None:
@@ -75,7 +75,7 @@ class Inlet:
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
-        """Yield chunks of samples and their times on the device's clock; update ``present`` meanwhile."""
+        """Yield chunks of samples and their times on the device's clock, and update ``present``."""
         patience_s = max(SILENT_S, SILENT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         silent_since_s = pylsl.local_clock()
         while not self._stopping.is_set():

@@ -14,14 +14,14 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
 DRIFT_S = 1e-6
-"""Maximum drift of the two clocks per tick, larger than that of clocks of one computer."""
+"""Maximum drift between the two clocks per tick. The drift between clocks of one computer is smaller."""
 
 
 class LabStreams:
     """Implements ``session.streams.Streams``.
 
     The session passes the start time of its tick, which is earlier than the call. The call with the smallest delay
-    therefore determines the offset between the session's clock and that of Lab Streaming Layer.
+    therefore determines the clock offset between the session and Lab Streaming Layer.
     """
 
     def __init__(self, choice: StreamChoice) -> None:
@@ -67,7 +67,7 @@ class LabStreams:
         self._outlets = None
 
     def _aligned(self, now_s: float) -> float:
-        """The offset of the session's clock, now at least ``now_s``, to that of Lab Streaming Layer."""
+        """The clock offset between Lab Streaming Layer and the session, whose time is at least ``now_s``."""
         seen_s = now_s - pylsl.local_clock()
         return seen_s if self._clock_offset_s is None else max(self._clock_offset_s - DRIFT_S, seen_s)
 
@@ -78,7 +78,7 @@ def _later(samples: StreamSamples, by_s: float) -> StreamSamples:
 
 @contextmanager
 def lab_streams(choice: StreamChoice) -> Generator[LabStreams]:
-    """Streams that close with the context."""
+    """Context manager: the streams of a session, closed at the end."""
     streams = LabStreams(choice)
     try:
         yield streams

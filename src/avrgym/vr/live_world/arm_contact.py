@@ -11,7 +11,7 @@ ARM_BODIES = ("upper_arm", "forearm", "hand")
 
 
 class ArmContactMonitor:
-    """Detects which of the person's arms robot or tool touch."""
+    """Detects contact of robot and tool with the person's left and right arm."""
 
     def __init__(self, simulation: Simulation) -> None:
         model = simulation.batch.get_model(0)

@@ -1,4 +1,4 @@
-"""Drivers command the robot of a live world. A driver answers in time or returns zero actions, and never raises."""
+"""Drivers command the robot of a live world. A driver that fails or is late returns zero actions; it never raises."""
 
 import threading
 import time
@@ -25,7 +25,7 @@ RESPONSE_TIMEOUT_S = 0.08
 SIMULATED_RESPONSE_TIMEOUT_S = 10.0
 """The same limit in simulated time, which waits for the answer."""
 OPERATOR_TIMEOUT_S = 0.2
-"""Without a command from the operator for this long, the robot stands still."""
+"""The robot stops if the operator sends no command for this time."""
 
 NO_ACTION = np.zeros((1, 0))
 """The action of an unknown robot."""
@@ -46,7 +46,7 @@ class Driver(Protocol):
 
     @property
     def idle(self) -> bool:
-        """Whether the robot stands still because there is no action."""
+        """Whether the robot holds its position because there is no action."""
         ...
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
@@ -82,7 +82,7 @@ def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
 
 
 class SynchronousDriver:
-    """Drives by a policy of AVR Gym, which answers within the tick."""
+    """Drives with a policy of AVR Gym, which returns its action within the tick."""
 
     def __init__(self, policy: Policy | Script) -> None:
         self.failure = ""
@@ -91,7 +91,7 @@ class SynchronousDriver:
 
     @property
     def idle(self) -> bool:
-        """Whether the robot stands still because there is no action."""
+        """Whether the robot holds its position because there is no action."""
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
@@ -121,9 +121,10 @@ class SynchronousDriver:
 class ThreadedDriver:
     """Drives by an external controller, in its own thread.
 
-    After a failure, or an answer later than ``RESPONSE_TIMEOUT_S`` (``SIMULATED_RESPONSE_TIMEOUT_S`` unless in the
-    ``background``), the robot stands still; a late answer is dropped. Until an answer is due, the latest action
-    continues. If the controller is still busy at the next episode, it is abandoned and a new one is created.
+    The latest action continues until the controller answers. After a failure or a timeout the robot holds its position;
+    late answers are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` in the ``background``, otherwise
+    ``SIMULATED_RESPONSE_TIMEOUT_S``. If the controller is still busy at the next episode, it is abandoned and a new one
+    is created.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
@@ -137,7 +138,7 @@ class ThreadedDriver:
 
     @property
     def idle(self) -> bool:
-        """Whether the robot stands still because there is no action."""
+        """Whether the robot holds its position because there is no action."""
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
@@ -194,7 +195,7 @@ class ThreadedDriver:
         return request
 
     def _poll(self) -> None:
-        """Handle an answer that has arrived, or reject a late one."""
+        """Handle an answer that has arrived, or ignore a late one."""
         pending = self._pending
         if pending is None:
             return
@@ -295,7 +296,7 @@ class Worker:
 
 
 class Operator:
-    """Drives by the commands of a person, who moves the robot's hand. Without commands the robot stands still."""
+    """Drives with the commands of a person, who moves the robot's hand. Without commands the robot does not move."""
 
     failure = ""
 
@@ -308,7 +309,7 @@ class Operator:
 
     @property
     def idle(self) -> bool:
-        """Whether the robot stands still because there is no command."""
+        """Whether the robot holds its position because there is no command."""
         return self._velocity is None
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
@@ -317,7 +318,7 @@ class Operator:
         self.release()
 
     def take_command(self, command: Drive, now_s: float) -> None:
-        """Take a command of the operator's page."""
+        """Apply a command from the operator's page."""
         if command.engaged:
             self.drive(_in_world(command.linear), _in_world(command.angular), now_s)
         else:
@@ -329,11 +330,11 @@ class Operator:
         self._changed = True
 
     def release(self) -> None:
-        """Let the robot stand still."""
+        """Stop the robot."""
         self._velocity, self._changed = None, True
 
     def check_timeout(self, now_s: float) -> None:
-        """Let the robot stand still if the latest command is older than ``OPERATOR_TIMEOUT_S``."""
+        """Stop the robot if the latest command is older than ``OPERATOR_TIMEOUT_S``."""
         if self._velocity is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S:
             self.release()
 
@@ -349,11 +350,11 @@ class Operator:
         return self.act(self._zero_action) if self._changed else None
 
     def close(self) -> None:
-        """Let the robot stand still."""
+        """Stop the robot."""
         self.release()
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:
-    """Returns a vector (3,) in the world frame, given as forward, left and up in the frame of the person."""
+    """Transform a vector (3,) from the frame of the person (forward, left, up) to the world frame."""
     forward, left, up = direction
     return np.array([left, -forward, up])

@@ -1,7 +1,7 @@
-"""Detects obstructed parts of the person's body: contacts keep them from their targets.
+"""Detects obstructed parts of the person's body, which cannot reach their targets because of contacts.
 
-At rest a servo of stiffness k is τ / k from its target, if contacts apply a torque τ. In free motion servos lag too,
-but with τ = 0. The torque therefore tells obstruction from lag.
+If contacts apply a torque τ, a servo of stiffness k at rest has a distance of τ / k from its target. In free motion
+servos lag too, but with τ = 0. The torque therefore distinguishes obstruction from lag.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARMS, HEAD, WAIST
 
 OBSTRUCTED_M, FREE_M = 0.008, 0.004
-"""A part is obstructed when contacts displace it by more than the first, until by less than the second."""
+"""Hysteresis: a part becomes obstructed above the first displacement by contacts, and free below the second."""
 FINGERS = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
 
@@ -48,7 +48,7 @@ class ObstructionMonitor:
         return tuple(part for part, held in zip(PARTS, self._obstructed.tolist(), strict=True) if held)
 
     def _displacement_m(self) -> FloatArray:
-        """Displacement (P,) of each point by contacts, in metres: joint rotation times the point's lever."""
+        """Displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""
         turns = self._torque[0, self._dofs] / self._stiffness
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]
         points_w = self._xpos[0, self._bodies] + self._along_m[:, None] * self._xmat[0, self._bodies, 2::3]

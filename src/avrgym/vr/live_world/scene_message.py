@@ -13,8 +13,9 @@ from avrgym.vr.tracking.body import skeleton
 
 
 def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
-    """Returns the region of the first person with the highest share of its limit, and that share; without contact ""
-    and 0.
+    """Returns the first person's region with the highest force relative to its limit, and this ratio.
+
+    Without contact returns ``""`` and 0.
     """
     share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
     most = int(share.argmax())

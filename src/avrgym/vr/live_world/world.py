@@ -23,7 +23,7 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
-"""The brakes hold the robot for this long before its retreat, until it is at rest."""
+"""Time for which the brakes stop the robot before its retreat."""
 
 
 class LiveWorld:
@@ -36,7 +36,7 @@ class LiveWorld:
         """Compile the scene for a person.
 
         Raises:
-            ValueError: for an unknown environment, with the allowed ids, or impossible settings.
+            ValueError: for an unknown environment (the message lists the ids), or impossible settings.
         """
         self._episodes = Episodes(
             environment_id, 1, person=person, moving=True, num_threads=1, by_region=True, settings=settings
@@ -51,7 +51,7 @@ class LiveWorld:
 
     @property
     def applied_action(self) -> FloatArray | None:
-        """The action (7,) that the robot executes from the latest tick on, if it is a new one."""
+        """The action of the robot (J,) if it changed at the latest tick, otherwise ``None``."""
         return self._loop.applied_action
 
     @property
@@ -91,16 +91,16 @@ class LiveWorld:
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the world was made; it never jumps back."""
+        """Simulated time since the creation of the world; it never decreases."""
         return self.ticks * TICK_S
 
     def reset(self, seed: int) -> None:
-        """Put robot, furniture and food at the start of an episode; the person's pose does not change.
+        """Reset robot, furniture and food to the initial state of an episode. The person's pose does not change.
 
-        ``seed`` determines the start and the exploration noise of a policy.
+        ``seed`` determines the initial state and the exploration noise of a policy.
 
         Raises:
-            NoClearanceError: a ``ValueError``, where the person obstructs every start.
+            NoClearanceError: a ``ValueError``, if the person obstructs every initial state.
         """
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode(seed)]
@@ -116,13 +116,13 @@ class LiveWorld:
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 
     def hold(self) -> None:
-        """Stop the robot in its place; a control step that has begun is dropped."""
+        """Stop the robot. Discards an unfinished control step."""
         self._episodes.simulation.brake_robot()
         self._loop.abort_step()
         self._retreated_ticks: int | None = None
 
     def retreat(self) -> None:
-        """Stop the robot, then move its tool away from the person, once an episode; see ``safety.retreat``."""
+        """Stop the robot, then move its tool away from the person, once per episode; see ``safety.retreat``."""
         self.hold()
         self._retreated_ticks = 0
 
@@ -134,7 +134,7 @@ class LiveWorld:
     def prepare(
         self, driver: Driver, *, force_guard: bool = False, withdraw_after_success: bool = False
     ) -> None:
-        """Prepare a driver for the present episode, with the layers of the control loop that are switched on."""
+        """Prepare a driver for the present episode, with the chosen layers of the control loop."""
         driver.reset(self._episodes, self._generators)
         self._loop = ControlLoop(
             self._episodes,
@@ -145,13 +145,13 @@ class LiveWorld:
 
     @property
     def withdrawing(self) -> bool:
-        """Whether the robot withdraws after success, or waits withdrawn."""
+        """Whether the robot withdraws after success, or has withdrawn and waits."""
         return bool(self._loop.withdrawing[0])
 
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
         """Advance by 10 ms; with a prepared driver the robot moves, and the last tick of a control step returns it.
 
-        With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides still moves it.
+        With ``hold``, the brakes hold the robot, also during a retreat. An intervention of the guard still moves it.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:

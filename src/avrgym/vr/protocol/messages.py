@@ -91,7 +91,7 @@ class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fiel
 
 
 class Hello(Message, frozen=True, tag="hello"):
-    """The first message of a connection. ``token`` is that in the fragment of the page's address."""
+    """The first message of a connection. ``token`` comes from the fragment of the page's address."""
 
     protocol: int
     token: Annotated[str, msgspec.Meta(max_length=128)]
@@ -116,7 +116,7 @@ class Tracking(Message, frozen=True, tag="tracking"):
 
 
 class Receipt(Message, frozen=True, tag="receipt"):
-    """Acknowledges states: the number received so far. It is sent after every ``STATES_PER_RECEIPT`` states."""
+    """Acknowledges states: the total number received. It is sent after every ``STATES_PER_RECEIPT`` states."""
 
     states: Annotated[int, msgspec.Meta(ge=0)]
 
@@ -390,9 +390,10 @@ class StateChange(Message, frozen=True, tag="state"):
 
 
 class Passed(Message, frozen=True, tag="passed"):
-    """Times of a tracking frame in the server, in seconds of its clock. The first state with it is the next message.
+    """Times of a tracking frame in the server, in seconds of the server's clock.
 
-    When the frame was received, when that state was computed, and when it was sent.
+    They are the times at which the frame was received, and at which the first state that includes it was computed and
+    sent. This state is the next message.
     """
 
     tracking_sequence: int
@@ -452,8 +453,8 @@ class Problem(Message, frozen=True, tag="problem"):
 class Feedback(Message, frozen=True, tag="feedback"):
     """Haptic and acoustic feedback of one control step.
 
-    Whether robot or tool touch the left and the right arm, including hands. ``events``: the number of bites or drops
-    in the mouth, wiped markers, or scratches.
+    ``left_touched`` and ``right_touched``: whether robot or tool touch this arm, including the hand. ``events``: the number of bites or
+    drops in the mouth, wiped markers, or scratches.
     """
 
     left_touched: bool
@@ -530,9 +531,9 @@ ServerMessage = (
 )
 
 Sent = ServerMessage | State
-"""Everything that a session sends. Clients receive a ``State`` as a ``StateChange``."""
+"""All messages that a session sends. Clients receive a ``State`` as a ``StateChange``."""
 Send = Callable[[Sent], None]
-"""Sends a message to the clients that receive it."""
+"""Function that sends a message to its receivers."""
 
 _Any = TypeVar("_Any")
 
@@ -548,17 +549,17 @@ def encode(message: Message) -> bytes:
 
 
 def decode_client(data: bytes) -> ClientMessage:
-    """Decode a message from the client; raises ``msgspec.DecodeError`` when it is not one."""
+    """Decode a message from the client. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_client_decoder, data)
 
 
 def decode_experimenter(data: bytes) -> ExperimenterMessage:
-    """Decode a message from a watcher; raises ``msgspec.DecodeError`` when it is not one."""
+    """Decode a message from a watcher. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_experimenter_decoder, data)
 
 
 def decode_server(data: bytes) -> ServerMessage:
-    """Decode a message from the server; raises ``msgspec.DecodeError`` when it is not one."""
+    """Decode a message from the server. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_server_decoder, data)
 
 
@@ -579,4 +580,4 @@ class Disconnected(msgspec.Struct, frozen=True):
 
 
 Received = ClientMessage | ExperimenterMessage | Disconnected
-"""Everything that a session receives: messages of its clients, and the end of the participant's connection."""
+"""All messages that a session receives: from its clients, and the end of the participant's connection."""

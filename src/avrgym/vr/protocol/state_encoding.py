@@ -12,7 +12,7 @@ from avrgym.vr.protocol.messages import State, StateChange
 
 POSITION_STEP_M = 1e-4
 QUATERNION_STEP = 5e-5
-"""Step of each component. The rounding error of a rotation is at most 1e-4 rad."""
+"""Quantisation step of a quaternion's components. The rounding error of a rotation is at most 1e-4 rad."""
 JOINT_STEP_RAD = 1e-5
 POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_STEPS = np.array([JOINT_STEP_RAD])
@@ -57,7 +57,7 @@ class StateDecoder:
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def decode(self, change: StateChange) -> State:
-        """The state, within half a step."""
+        """Decode the state, within half a quantisation step."""
         return State(
             sequence=change.sequence,
             simulation_time_s=change.simulation_time_s,
@@ -76,7 +76,7 @@ class _DeltaCodec:
         self._whole: Integers = np.zeros((0, len(steps)), np.int64)
 
     def encode(self, numbers: bytes) -> bytes:
-        """The difference of these numbers (little-endian float32) to the previous ones."""
+        """Encode the difference of these numbers (little-endian float32) to the previous ones."""
         rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
         whole = np.rint(np.fmin(np.fmax(rows, -MAX_STEPS), MAX_STEPS)).astype(np.int64)
         if not len(self._whole):
@@ -87,7 +87,7 @@ class _DeltaCodec:
         return pack(rows, changes[rows])
 
     def decode(self, packed: bytes) -> bytes:
-        """The numbers (little-endian float32) after these differences."""
+        """Decode differences. Returns the new numbers (little-endian float32)."""
         rows, changes = unpack(packed, len(self._steps))
         if not len(self._whole):
             self._whole = np.zeros((1 + max(rows, default=-1), len(self._steps)), np.int64)

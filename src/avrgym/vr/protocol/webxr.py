@@ -1,4 +1,4 @@
-"""Conversion of WebXR poses to the simulation's world frame and back, the only one on the server.
+"""Conversion of WebXR poses to the simulation's world frame and back. The server converts poses only here.
 
 WebXR's ``local-floor`` space: y up, x right, −z forward, quaternions x, y, z, w. World frame: z up, quaternions
 w, x, y, z; the person sits at its origin and faces −y.
@@ -47,7 +47,7 @@ class Registration:
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
 
     def to_world(self, pose: XRPose) -> Pose:
-        """The pose of a device in the world frame, with the axes of the device."""
+        """Transform the pose of a device to the world frame. The axes of the device do not change."""
         x, y, z, w = pose.orientation
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
@@ -62,14 +62,15 @@ class Registration:
         return Pose(*transforms.invert(self.origin_w, self.q_w))
 
     def xr_from_world(self) -> XRPose:
-        """The pose of the world frame in ``local-floor``, at which a client places the scene."""
+        """The pose of the world frame in ``local-floor``. A client places the scene at this pose."""
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
 def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
-    """The registration that puts the participant's head at ``head_centre_w``, looking along −y.
+    """The registration for which the participant's head is at ``head_centre_w`` and faces −y.
 
-    Heads and seats coincide. The floors differ by the difference of the seat heights.
+    The heads and the seats of participant and simulated person then coincide. The floors differ by the difference of
+    the seat heights.
     """
     upright = head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
@@ -79,7 +80,7 @@ def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
 
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:
-    """The centre of the head and the head's axes from the headset's pose."""
+    """The pose of the head (its centre and axes), computed from the headset's pose."""
     return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
 
 
@@ -87,7 +88,7 @@ HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSE
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
-    """The centre of the fist and the hand's axes from a grip pose.
+    """The pose of the hand (centre of the fist, and axes), computed from a grip pose.
 
     The origin of WebXR's grip space is the centre of the fist, so there is no offset.
     """
@@ -95,7 +96,7 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
 
 
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
-    """The centre of the hand and its axes from the wrist pose of a tracked hand.
+    """The pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
 
     The wrist's −z axis points to the fingers, its y axis out of the back of the hand (WebXR Hand Input). The −z axis of
     our hand points to the fingers too; its x axis points out of the back of a left hand.
@@ -112,7 +113,7 @@ HAND_FROM_WRIST_AXES = {
 
 
 def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
-    """The grip pose of a wrist: ``hand_pose`` of it equals ``hand_pose_from_wrist`` of the wrist."""
+    """The grip pose that is equivalent to a wrist pose: both give the same pose of the hand."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
     grip = _compose(seen, HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
@@ -121,7 +122,7 @@ def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
 
 
 def headset_from_head(registration: Registration, head: Pose) -> XRPose:
-    """The inverse of ``head_pose``."""
+    """The headset's pose, computed from the pose of the head; the inverse of ``head_pose``."""
     return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
 
 
@@ -129,7 +130,7 @@ _HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_OFFSET_M, 0.0])
 
 
 def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
-    """The inverse of ``hand_pose``."""
+    """The grip pose, computed from the pose of the hand; the inverse of ``hand_pose``."""
     return registration.from_world(_compose(hand, np.zeros(3), _DEVICE_FROM_BODY_AXES))
 
 
@@ -140,7 +141,8 @@ GRIP_FROM_WRIST_AXES = {
 
 
 def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
-    """``transforms.compose`` for a single pose, ten times faster; ``pos`` (3,), ``q`` (4,): in the outer frame."""
+    """Compose two single poses. ``pos`` (3,) and ``q`` (4,) are in the frame ``outer``. Faster than
+    ``transforms.compose``."""
     pos_w, q_w = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)
     return Pose(pos_w, q_w)

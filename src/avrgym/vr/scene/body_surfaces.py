@@ -1,6 +1,6 @@
-"""Surfaces of each body: triangles with colours, for viewers without skinning.
+"""Surfaces of each body: triangles with colours, for viewers that cannot render skins.
 
-A skin is split by body: each triangle belongs to the body with the largest weight.
+Skins are divided by body: each triangle belongs to the body with the largest weight.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ def _of_geom(
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
-    """The colour (V, 4) of each vertex: that of the material times that of the texture."""
+    """The colour (V, 4) of each vertex: material colour times texture colour."""
     colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
     if texture >= 0:
         pixels = texture_pixels(model, texture)
@@ -69,7 +69,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
 
 
 def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
-    """The parts of a skin, each with its body's name and in its frame."""
+    """Divide a skin by body. Each part is in the frame of its body."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
     weights = np.zeros((len(skin.vertices), len(bodies)))

@@ -21,15 +21,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_CACHED_SCENES = 10
-"""Each scene has about 2 MB."""
+"""Maximum number of cached scenes. Each has about 2 MB."""
 
 
 def warm_up() -> None:
-    """Does nothing: a task that makes the process import its modules."""
+    """A task that does nothing. It makes the process import its modules."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULTS) -> bytes:
-    """The GLB of an environment with a person in it."""
+    """The GLB file of an environment with a person."""
     return export_glb(model_with_appearance(environment_id, person, settings))
 
 
@@ -57,7 +57,7 @@ class SceneExporter:
     def export(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> Future[bytes]:
-        """Export the scene of a number, unless it is cached."""
+        """Start to export the scene with this number, if it is not cached."""
         with self._lock:
             if number not in self._scenes:
                 self._scenes[number] = self._submit(export_scene, environment_id, person, settings)
@@ -68,7 +68,7 @@ class SceneExporter:
     async def glb(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> bytes:
-        """The GLB file of a number. After an error the next request exports it again."""
+        """Wait for the GLB file of the scene with this number. After an error the next request exports it again."""
         scene = self.export(number, environment_id, person, settings)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))

@@ -14,11 +14,11 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
 
 DETAILED_TRIANGLES = 2000
-"""Larger meshes are simplified to this number and a sixth of the rest."""
+"""Larger meshes are simplified to this number of triangles plus a sixth of the rest."""
 SIMPLIFICATION_AGGRESSION = 3
 """Aggression of the simplification, 0 to 10. The default of 7 loses small parts."""
 WELD_DIGITS = 5
-"""Vertices that agree to this number of decimals of a metre are merged."""
+"""Vertices that are equal to this number of decimals (metres) are merged."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
 _simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 

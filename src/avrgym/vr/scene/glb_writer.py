@@ -1,4 +1,4 @@
-"""Writer of GLB files: the parts of glTF 2.0 that ``scene_export`` needs, with ``KHR_mesh_quantization``."""
+"""Writes GLB files: the parts of glTF 2.0 that ``scene_export`` needs, with ``KHR_mesh_quantization``."""
 
 import json
 import struct
@@ -55,7 +55,7 @@ class GlbWriter:
         return self.add("textures", source=image, sampler=self._sampler())
 
     def to_bytes(self, roots: Sequence[int]) -> bytes:
-        """The file, with a scene of the nodes ``roots``."""
+        """Returns the bytes of the file. Its scene contains the nodes ``roots``."""
         document = {
             "asset": {"version": "2.0", "generator": "AVR Gym"},
             "extensionsUsed": ["KHR_mesh_quantization"],

@@ -48,7 +48,7 @@ _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 @dataclass(frozen=True)
 class Finish:
-    """Properties of a surface without its colour.
+    """Properties of a surface except its colour.
 
     ``texture`` is the id in the model, or −1. Cloth is ``two_sided``.
     """
@@ -61,7 +61,7 @@ class Finish:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
-        """The finish of a material id, or of none (−1), rounded to reduce their number."""
+        """The finish of a material id (−1: no material). Values are rounded to reduce the number of finishes."""
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
@@ -129,7 +129,7 @@ class _Export:
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
     def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
-        """The geoms of one node by finish, in the frame of its body."""
+        """The geoms of one node, by finish, in the frame of the node's body."""
         pieces: dict[Finish, list[Piece]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
@@ -141,7 +141,7 @@ class _Export:
         return pieces
 
     def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
-        """Add a mesh of all pieces; return its index and the scale of its coordinates."""
+        """Add one mesh of all pieces. Returns its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
         rgba = np.concatenate([np.tile(colour, (len(piece.vertices), 1)) for piece, colour in pieces])

@@ -34,8 +34,8 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skin:
-    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3); at each
-    vertex four of its ``bones`` and their weights, (V, 4). ``material`` is the model's number of it, or −1."""
+    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3); four of
+    its ``bones`` and their weights for each vertex, (V, 4). ``material`` is the id in the model, or −1."""
 
     name: str
     material: int
@@ -80,7 +80,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
 
 
 def merged(skins: Sequence[Skin]) -> Skin:
-    """Several skins as one, with name and material of the first."""
+    """Merge skins into one, with the name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
     bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
@@ -100,7 +100,7 @@ def merged(skins: Sequence[Skin]) -> Skin:
 
 
 def with_cap(skin: Skin, other: Skin) -> Skin:
-    """A skin with a cap at the border to another one, for views that hide the other one."""
+    """Add a cap to a skin at the border to another skin, for views that hide the other skin."""
     rim = _rim(skin, other)
     if not len(rim):
         return skin

@@ -20,7 +20,7 @@ REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the serv
 
 @dataclass(frozen=True)
 class Caller:
-    """The role of a token, and the name of an experimenter who has a personal token; empty otherwise."""
+    """The role of a token, and the experimenter's name for a personal token (otherwise empty)."""
 
     role: Role
     name: str = ""
@@ -28,7 +28,7 @@ class Caller:
 
 @dataclass(frozen=True)
 class Refusal:
-    """The reason for refusing a token: closing code of the WebSocket, message, and a participant's language."""
+    """The reason for rejecting a token: closing code of the WebSocket, message, and the participant's language."""
 
     code: int
     message: str
@@ -61,10 +61,10 @@ class Tokens:
 
     @classmethod
     def load_or_create(cls, path: Path) -> "Tokens":
-        """Read the tokens from a private file, or create the file. Addresses then stay valid after a restart.
+        """Read the tokens from a private file, or create the file. Addresses then remain valid after a restart.
 
         Raises:
-            ValueError: for a file that contains no tokens.
+            ValueError: if the file contains no tokens.
         """
         if not path.exists():
             tokens = cls.new()
@@ -85,7 +85,7 @@ class Tokens:
         return found
 
     def refusal(self, token: str) -> Refusal:
-        """The reason for refusing an unknown token, or a token of another role."""
+        """The reason for rejecting an unknown token, or a token of another role."""
         return OLD_TOKEN if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:

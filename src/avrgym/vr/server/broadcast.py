@@ -23,7 +23,7 @@ from avrgym.vr.server.authentication import LINK_ENDED, Refusal
 T = TypeVar("T")
 
 OUTBOX_MESSAGES = 1000
-"""Maximum number of waiting messages of a connection. Above it the oldest are dropped."""
+"""Maximum number of waiting messages of a connection. Above it the oldest messages are dropped."""
 WATCHER_MESSAGES = (Status, Timing)
 
 
@@ -39,7 +39,7 @@ CLOSE_TIMEOUT_S = 1.0
 
 
 class ConnectionEnd(Exception):
-    """All messages are sent and the connection closes, with a closing code and a reason."""
+    """Raised when all messages are sent and the connection closes, with a closing code and a reason."""
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)
@@ -49,11 +49,11 @@ class ConnectionEnd(Exception):
 class Outbox:
     """Waiting messages of one connection: all messages in order, and the newest state of the newest scene.
 
-    The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the state
-    that was sent last was computed.
+    The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the latest
+    sent state was computed.
 
-    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Otherwise
-    buffers of system and browser would hold a minute of states for a slow client.
+    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Without it,
+    buffers of system and browser would delay the states of a slow client by up to a minute.
     """
 
     def __init__(self) -> None:
@@ -78,17 +78,17 @@ class Outbox:
         self._filled.set()
 
     def receipt(self, states: int) -> None:
-        """Note how many states the client has received."""
+        """Store the number of states that the client has received."""
         self._received_states = states
         self._filled.set()
 
     def close(self, reason: str, code: int = 1001) -> None:
-        """Close the connection after all waiting messages; accept no more."""
+        """Close the connection after all waiting messages. Later messages are discarded."""
         self._farewell = ConnectionEnd(reason, code)
         self._filled.set()
 
     async def next(self) -> Message:
-        """Wait for the next message to send; raise ``ConnectionEnd`` when the connection closes."""
+        """Wait for the next message to send. Raises ``ConnectionEnd`` when the connection closes."""
         while True:
             if self._messages:
                 return self._messages.popleft()
@@ -119,12 +119,12 @@ class Broadcast:
         return self._participant is not None
 
     def send(self, message: Message) -> None:
-        """Send a message to all connections whose role receives it; called from the simulation's thread."""
+        """Send a message to all connections whose role receives it. Call it from the simulation's thread."""
         if self._participant is not None or self._watchers:
             self._call(lambda created_s: self._deliver(message, created_s), time.monotonic())
 
     def sender(self, outbox: Outbox) -> Callable[[Message], None]:
-        """A function that sends to one connection from the simulation's thread."""
+        """Returns a function that sends to one connection, for the simulation's thread."""
         return lambda message: self._call(outbox.push, message)
 
     @contextlib.contextmanager
@@ -138,7 +138,7 @@ class Broadcast:
             self._leave(outbox)
 
     def close_all(self, reason: str) -> None:
-        """Close all connections for a reason; called from another thread than theirs."""
+        """Close all connections for a reason. Call it from a thread other than the event loop's."""
         ends_s = time.monotonic() + CLOSE_TIMEOUT_S
         while self._participant is not None or self._watchers:
             watching = [outbox for _, outbox in self._watchers]
@@ -176,5 +176,5 @@ class Broadcast:
 
     def _call(self, function: Callable[[T], None], told: T) -> None:
         if self._events is not None:
-            with contextlib.suppress(RuntimeError):  # the event loop closed meanwhile
+            with contextlib.suppress(RuntimeError):  # the event loop has closed in the meantime
                 self._events.call_soon_threadsafe(function, told)

@@ -20,7 +20,7 @@ from avrgym.system.files import write_atomically
 VALID_DAYS = 90
 RENEWAL_DAYS = 14
 DOCUMENTATION_ADDRESS = "192.0.2.1"
-"""An address that no host has (RFC 5737). The route to it reveals this computer's own address; nothing is sent."""
+"""An address that no host has (RFC 5737). The route to it reveals this computer's address, without sending anything."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
 
 
 def certificate_in(folder: Path, names: Sequence[str]) -> Certificate:
-    """The paths of a folder's certificate for these names; the files may be missing."""
+    """The certificate with its paths in a folder, for these names. The files need not exist."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 
 
 def reason_to_renew(wanted: Certificate) -> str | None:
-    """Why a new certificate is needed; ``None`` if the present one is valid."""
+    """The reason why a new certificate is needed; ``None`` if the present one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
         key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)

@@ -35,9 +35,10 @@ from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
-"""Interval at which the token of a connection is checked again. A revoked token closes the connection."""
+"""Interval at which the token of a connection is checked again. If it was revoked, the connection is closed."""
 BURST, MESSAGES_PER_S = 1000, 250
-"""More than a headset sends: 144 frames per second, and those of seven seconds after a network interruption."""
+"""Rate limit: above the 144 frames per second of a headset, and seven seconds of frames after a network
+interruption."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,14 @@ class FrameTimes:
         self._received_s: dict[int, float] = {}
 
     def note_received(self, sequence: int) -> None:
-        """Note the arrival of a frame."""
+        """Store the arrival time of a frame."""
         self._received_s[sequence] = time.monotonic()
         if len(self._received_s) > MAX_STORED_FRAMES:
             del self._received_s[next(iter(self._received_s))]
 
     def stream_sample_times(self, state: State, created_s: float) -> Passed | None:
-        """The times of the newest frame in a state that is sent now; ``None`` if an earlier state included it."""
+        """The times of the newest frame in a state that is sent now; ``None`` if an earlier state already included
+        it."""
         received_s = self._received_s.pop(state.tracking_sequence, None)
         if received_s is None:
             return None
@@ -94,7 +96,8 @@ MAX_STORED_FRAMES = 1000
 
 
 Record = Callable[[Caller, Any], None]
-"""Called with the hello of each watcher, and with each command before its execution. Must not block."""
+"""Function that is called with the hello of each watcher, and with each command before its execution. Must not
+block."""
 
 PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHER_CHANNEL = Channel(
@@ -151,7 +154,7 @@ async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: 
 async def _authenticate(
     socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
 ) -> Hello | None:
-    """The hello with a valid token of the channel. Otherwise sends the reason and returns ``None``."""
+    """Receive the hello and check its token. Returns the hello, or sends the reason and returns ``None``."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = language = None
     try:
@@ -205,7 +208,7 @@ async def _receive(
     record: Record,
     opens: Callable[[], bool],
 ) -> None:
-    """Pass received messages to the loop. Discards those of a participant whose link has expired."""
+    """Pass received messages to the loop. Discards messages of a participant whose link has expired."""
     rate_limit = RateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:

@@ -1,8 +1,8 @@
-"""Limits on connections that have presented no valid token.
+"""Limits on unauthenticated connections, which have not presented a valid token.
 
-Their number is limited, in total and for each address. Above the limit the one that has been idle longest is closed.
-Authenticated connections are never closed to make room. Connections time out that send no request, or take too long
-for a handshake, a request or a response.
+Their number is limited, in total and for each address. At the limit, the unauthenticated connection that has been idle
+longest is closed. Authenticated connections are never closed for this reason. A connection times out if it sends no
+request, or takes too long for a handshake, a request or a response.
 """
 
 import asyncio
@@ -22,11 +22,11 @@ from avrgym.vr.server.authentication import Tokens
 
 MAX_UNAUTHENTICATED = 256
 FILE_HANDLE_DIVISOR = 4
-"""Unauthenticated connections use at most one in this many of the process's file handles."""
+"""Unauthenticated connections use at most the process's file handles divided by this number."""
 ADDRESS_DIVISOR = 4
-"""One address may have one in this many of them. The loopback address is exempt: USB headsets share it."""
+"""One address has at most the limit divided by this number. The loopback address is exempt: USB headsets share it."""
 MAX_PER_ROLE = 64
-"""Maximum number of authenticated connections of one role. Further ones count as unauthenticated."""
+"""Maximum number of authenticated connections of one role. Further connections count as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
 """Timeout of the TLS handshake."""
 IDLE_TIMEOUT_S = 10.0
@@ -44,8 +44,8 @@ MakeProtocol = Callable[[], asyncio.Protocol]
 class Connection:
     """One connection.
 
-    ``role``: that of its token, ``None`` while unauthenticated. ``busy``: a request is in progress, or a WebSocket is
-    open. ``active_s``: the time of the latest complete request or response.
+    ``role``: the role of its token; ``None`` while unauthenticated. ``busy``: a request is in progress, or a WebSocket
+    is open. ``active_s``: the time of the latest complete request or response.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:
@@ -76,7 +76,7 @@ class Connection:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def note_activity(self, *, busy: bool) -> None:
-        """Note a complete request (``busy``) or the end of its response."""
+        """Store that a request is complete (``busy``), or its response has ended."""
         self.active_s, self.busy = time.monotonic(), busy
 
     def begin(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
@@ -84,7 +84,7 @@ class Connection:
         self._handshake = asyncio.create_task(self._handshake_tls(make_protocol, tls))
 
     async def _handshake_tls(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
-        with suppress(OSError):  # the other side's failure
+        with suppress(OSError):  # the other side has failed
             self._transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
                 make_protocol, self._socket, ssl=tls, ssl_handshake_timeout=TLS_TIMEOUT_S if tls else None
             )
@@ -136,7 +136,7 @@ class ConnectionLimiter:
         return limited
 
     def authenticate(self, scope: Scope, role: Role) -> None:
-        """Note that the connection of this request or WebSocket has presented the token of a role."""
+        """Store that the connection of this request or WebSocket has presented the token of a role."""
         connection = self._connection(scope)
         if connection is None:
             return
@@ -185,7 +185,7 @@ class ConnectionLimiter:
 
 
 def _close_longest_idle(connections: list[Connection]) -> None:
-    """Close the connection that has been idle longest; busy ones come last."""
+    """Close the connection that has been idle longest. Busy connections are closed last."""
     if connections:
         min(connections, key=lambda each: (each.busy, each.active_s)).end()
 

@@ -1,9 +1,9 @@
-"""Prevent idle states of a virtual machine's processors while the robot moves.
+"""Prevents idle states of a virtual machine's processors while the robot moves.
 
-An idle virtual processor halts and returns to the host, which often resumes it milliseconds late. On Linux, idle
-processors poll instead of halting while a process has written zero to ``/dev/cpu_dma_latency`` and keeps the file open
-(kernel documentation: "PM Quality of Service Interface", "Guest halt polling"). Physical machines wake within
-microseconds, so nothing is changed there.
+An idle virtual processor halts and returns to the host, which often resumes it milliseconds late. On Linux, a process
+can write zero to ``/dev/cpu_dma_latency``. While this file is open, idle processors poll instead of halting (kernel
+documentation: "PM Quality of Service Interface", "Guest halt polling"). Physical machines wake within microseconds and
+need no change.
 """
 
 import struct
@@ -18,7 +18,7 @@ ZERO_LATENCY = struct.pack("i", 0)
 
 
 class CpuIdlePrevention:
-    """Prevents or permits idle states; does nothing without support of the system or permission of the user."""
+    """Prevents or permits idle states. Does nothing if the system does not support it or the user lacks permission."""
 
     def __init__(self) -> None:
         self._file: BinaryIO | None = None

@@ -49,7 +49,7 @@ class EnvironmentViewer:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             policy: any name that ``policies.registry.find_for_session`` accepts.
             people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
-            seed: of the first episode; incremented for each later one.
+            seed: seed of the first episode; incremented for each later episode.
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             force_guard: whether the force guard limits contact force and approach speed.
@@ -58,7 +58,7 @@ class EnvironmentViewer:
             steps: control steps of an episode.
 
         Raises:
-            ValueError: for an unknown name, naming what is allowed.
+            ValueError: for an unknown name. The message lists the allowed names.
         """
         self.scenes: list[tuple[str, Person, Settings]] = []
         self._episodes = Episodes(

@@ -1,4 +1,4 @@
-"""uvicorn's HTTP and WebSocket protocols, with security headers on refusals and limits on fragmented messages."""
+"""uvicorn's HTTP and WebSocket protocols, with security headers in rejections and limits on fragmented messages."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ MAX_FRAGMENTS = 64
 """Maximum number of frames of a message. Browsers send one."""
 
 LINGER_S = 1.0
-"""Delay between the refusal of a client and the closing of its connection."""
+"""Delay between the rejection of a client and the closing of its connection."""
 
 
 class HttpProtocol(H11Protocol):
@@ -37,7 +37,7 @@ class HttpProtocol(H11Protocol):
 
 
 class WebSocketProtocol(WebSocketsSansIOProtocol):
-    """WebSockets whose refusals reach the client, with the security headers."""
+    """WebSockets whose rejections reach the client, with the security headers."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -45,7 +45,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.conn.reject = self._refusal  # pyright: ignore[reportAttributeAccessIssue]
 
     def data_received(self, data: bytes) -> None:
-        """Process received data; respond to an invalid handshake."""
+        """Process received data. Responds to an invalid handshake."""
         super().data_received(data)
         if self.conn.handshake_exc is not None and not self.transport.is_closing():
             self.transport.write(b"".join(self.conn.data_to_send()))

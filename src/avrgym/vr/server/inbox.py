@@ -1,4 +1,4 @@
-"""Messages that wait for the next tick. Messages that hold the robot come first; old tracking frames are dropped."""
+"""Queue of messages for the next tick. Messages that stop the robot come first. Old tracking frames are dropped."""
 
 import threading
 from collections import deque
@@ -10,9 +10,9 @@ from avrgym.vr.protocol.messages import Disconnected, Received
 
 MESSAGES_PER_TICK = 64
 MESSAGE_TIME_S = 0.002
-"""Maximum time of a tick for messages. The rest wait for the next tick."""
+"""Maximum time of a tick for messages. Other messages wait for the next tick."""
 MAX_TRACKING_FRAMES = 100
-"""Maximum number of waiting tracking frames. Above it the oldest are dropped."""
+"""Maximum number of waiting tracking frames. Above it the oldest frames are dropped."""
 MAX_WAITING_MESSAGES = 2000
 """Maximum number of waiting messages. Above it their senders wait."""
 
@@ -40,10 +40,10 @@ class Inbox:
         return len(self._waiting) >= MAX_WAITING_MESSAGES
 
     def put(self, message: Received | NewConnection) -> None:
-        """Add a message at the end, or at the front if it holds the robot.
+        """Add a message at the end, or at the front if it stops the robot.
 
-        A loss of visibility is handled immediately and again in order, because an earlier message may report the
-        opposite. If a participant disconnects while more messages wait than a tick handles, their messages are
+        A loss of visibility is handled twice: immediately, and again in order, because an earlier message may report
+        the opposite. If a participant disconnects while more messages wait than a tick can handle, their messages are
         discarded.
         """
         with self._lock:
@@ -75,7 +75,7 @@ class Inbox:
 
 
 def holds_robot(message: object) -> bool:
-    """Whether a message holds the robot immediately: a stop, or a loss of visibility."""
+    """Whether a message stops the robot immediately: an emergency stop, or a loss of visibility."""
     return is_stop(message) or (
         isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"
     )

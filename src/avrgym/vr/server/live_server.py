@@ -45,7 +45,7 @@ def create_app(
     Args:
         loop: the running simulation.
         broadcast: sends its messages to the connections.
-        tokens: authenticate clients.
+        tokens: tokens that authenticate clients.
         limiter: limits connections.
         hosts: allowed host names of requests.
         exporter: exports the scenes.
@@ -53,7 +53,7 @@ def create_app(
         study: the API of the experimenter's dashboard.
         links: links of a study's participants, for the exchange of codes.
     """
-    start = secrets.token_hex(8)  # distinguishes scenes of this start from those of an earlier one
+    start = secrets.token_hex(8)  # distinguishes scenes of this server from scenes of an earlier start
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
@@ -64,7 +64,7 @@ def create_app(
             raise HTTPException(401, "the request has no valid token")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
-            raise HTTPException(404, f"no scene {number}; there are {len(known)}")
+            raise HTTPException(404, f"no scene {number}; the number of scenes is {len(known)}")
         caching = {"etag": version, "cache-control": "private, no-cache", "vary": "authorization"}
         if request.headers.get("if-none-match") == version:
             return Response(status_code=304, headers=caching)
@@ -123,12 +123,12 @@ class LiveServer(Generic[S]):
             certificate: for TLS, with the host names of this computer.
             study: creates the API of the experimenter's dashboard from tokens and session; see
                 ``study.dashboard.application``.
-            tokens: authenticate clients; new ones by default.
+            tokens: tokens that authenticate clients; default: new ones.
             record: called with the hello of each watcher, and with each of their commands.
             links: links of a study's participants. A participant is disconnected when the link expires.
 
         Raises:
-            ServerError: when the client is not built or the port is not available.
+            ServerError: if the client is not built or the port is not available.
         """
         check_page("index.html")
         listener = listen(host, port, certificate)
@@ -167,7 +167,7 @@ class LiveServer(Generic[S]):
         return self.urls()[0]
 
     def urls(self, page: str = "", token: str | None = None) -> list[str]:
-        """The addresses of a page: first the loopback address, then those in the local network."""
+        """The addresses of a page: first the loopback address, then the addresses in the local network."""
         names = ["localhost"] if self.host in (*LOOPBACK, EVERY_ADDRESS) else []
         names += self.certificate.names if self.certificate else ()
         scheme = "https" if self.certificate else "http"
@@ -176,7 +176,7 @@ class LiveServer(Generic[S]):
         ]
 
     def pages(self) -> list[str]:
-        """The addresses of the participant's page without a token. There a code opens the link of a session."""
+        """The addresses of the participant's page without a token. On this page a code opens the link of a session."""
         return [url.partition("#")[0] for url in self.urls()]
 
     def __enter__(self) -> "LiveServer[S]":

@@ -22,7 +22,7 @@ TIMING_EVERY_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
 """Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
 CATCH_UP_TICKS = 5
-"""Maximum backlog that the loop catches up. Beyond it, ticks are skipped."""
+"""Maximum number of late ticks that the loop still runs. Further ticks are skipped."""
 MAX_LATE_TICKS = 10_000
 PRIORITY = 10
 """Real-time priority of the loop's thread (``SCHED_FIFO``, 1 to 99)."""
@@ -30,7 +30,7 @@ PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next one was due (monotonic clock). ``lost``: ticks skipped after it."""
+    """A tick that ended after the next one was due (monotonic clock). ``lost``: number of ticks skipped after it."""
 
     due_s: float
     ended_s: float
@@ -38,7 +38,7 @@ class LateTick:
 
 
 class Runnable(Protocol):
-    """A session of a participant, or an environment viewer: run by the loop, served by the server."""
+    """A session of a participant, or an environment viewer. The loop runs it, and the server serves it."""
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
@@ -47,7 +47,7 @@ class Runnable(Protocol):
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves, so that a tick may be some milliseconds late."""
+        """Whether nothing moves. A tick may then be some milliseconds late."""
         ...
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
@@ -108,7 +108,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.put(message)
 
     def welcome(self, send: Send, role: messages.Role) -> None:
-        """Let the session send its current state to a new connection."""
+        """Make the session send its current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
     def _run(self) -> None:
@@ -159,7 +159,7 @@ class RealTimeLoop(Generic[S]):
             gc.collect()
 
     def _wait(self, due: float) -> float:
-        """Sleep until the next tick is due. Returns the due time, later by the skipped ticks."""
+        """Sleep until the next tick is due. Returns the due time, increased by the skipped ticks."""
         late = time.monotonic() - due
         if late < 0.0:
             time.sleep(-late)
@@ -171,7 +171,7 @@ class RealTimeLoop(Generic[S]):
 
 
 def _clock_s() -> float:
-    """Seconds on a clock that continues during suspend. ``time.monotonic`` does so only on Windows."""
+    """Seconds on a clock that continues while the computer is suspended. ``time.monotonic`` does so only on Windows."""
     clock = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 

@@ -12,7 +12,7 @@ from starlette.websockets import WebSocketDisconnect
 
 PACKAGE = str(Path(__file__).parents[2])
 FRAMED_PAGE = "/spectator"
-"""The only page that may be in a frame: that of the dashboard."""
+"""The only page that may be in a frame; the dashboard contains it."""
 BUILT_FILES = "/assets/"
 """Files whose names contain a hash of their content."""
 CONTENT_POLICY = (
@@ -48,8 +48,8 @@ def headers(path: str) -> dict[str, str]:
 class ResponseHeaders:
     """Middleware that adds the headers to every response.
 
-    An unexpected error becomes a plain 500 response and one log line with its type and location. The line contains
-    nothing of the request, which may hold a token or a name.
+    An unexpected error becomes a plain 500 response and one log line with its type and location. The line contains no
+    data of the request, which may contain a token or a name.
     """
 
     def __init__(self, app: ASGIApp) -> None:

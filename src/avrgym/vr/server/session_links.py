@@ -19,7 +19,7 @@ LINK_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
-"""Maximum number of wrong codes within a time. Guessing a code takes three weeks on average."""
+"""Maximum number of wrong codes in this time. Guessing a code takes three weeks on average."""
 
 
 class CodeError(ValueError):
@@ -65,7 +65,7 @@ class SessionLinks:
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
-        """``ended``: checksums of the links of earlier sessions, and the language of each participant."""
+        """``ended`` contains the checksums of expired links, with the language of each participant."""
         self.on_end: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None
@@ -97,11 +97,11 @@ class SessionLinks:
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 
     def language_of_ended(self, token: str) -> Language | None:
-        """The participant's language of an expired link; ``None`` for an unknown token."""
+        """The language of the participant of an expired link; ``None`` for an unknown token."""
         return self._ended.get(link_sha256(token))
 
     def code(self) -> str | None:
-        """A code of the current link that is valid for at least half of its time; ``None`` between sessions."""
+        """A code for the current link, valid for at least half of its lifetime; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
                 return None
@@ -111,10 +111,10 @@ class SessionLinks:
             return self._codes[-1].digits
 
     def exchange(self, digits: str) -> str:
-        """The link of a code, which then is used.
+        """Returns the link for a code. The code is then used.
 
         Raises:
-            TooManyCodes: when too many wrong codes were entered recently.
+            TooManyCodes: if too many wrong codes were entered recently.
             CodeError: for a code that is wrong, used or expired.
         """
         with self._lock:

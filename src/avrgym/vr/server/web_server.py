@@ -20,7 +20,7 @@ from avrgym.vr.server.response_headers import ResponseHeaders
 
 STATIC = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "replay.html")
-"""The client's pages: of participant and spectators, of the experimenter, and of replays."""
+"""The client's pages: for participants and spectators, for the experimenter, and for replays."""
 INSTALL_PAGES = "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 PROTOCOL = socket.IPPROTO_TCP
 """Set explicitly: asyncio sets TCP_NODELAY only on sockets that specify the protocol."""
@@ -28,7 +28,7 @@ BACKLOG = 1024
 """Maximum number of connections that wait to be accepted."""
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
-"""Keep-alive pings of WebSockets. They detect a headset that is asleep or has left the network."""
+"""Keep-alive pings of WebSockets. They detect a headset that sleeps or has left the network."""
 CLOSE_TIMEOUT_S = 5
 
 _log = logging.getLogger(__name__)
@@ -45,10 +45,10 @@ def check_page(name: str) -> None:
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
-    """A listening socket.
+    """Create a listening socket.
 
     Raises:
-        ServerError: when the port is not available, or other computers could connect without TLS.
+        ServerError: if the port is not available, or other computers could connect without TLS.
     """
     if host not in LOOPBACK and certificate is None:
         raise ServerError(
@@ -74,7 +74,7 @@ class WebServer:
     def __init__(
         self, app: FastAPI, limiter: ConnectionLimiter, certificate: Certificate | None = None
     ) -> None:
-        """A certificate enables TLS. ``stop`` closes the limiter's socket."""
+        """Create the server. A certificate enables TLS. ``stop`` closes the limiter's socket."""
         self._limiter = limiter
         self._uvicorn = _Server(
             _configuration(limiter.middleware(ResponseHeaders(app)), certificate), limiter
@@ -110,13 +110,13 @@ class _Server(uvicorn.Server):
         self._opened: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start to accept connections."""
+        """Start accepting connections."""
         await super().startup(sockets=[])
         asyncio.get_running_loop().set_exception_handler(_report)
         self._opened = asyncio.create_task(self._limiter.open(self._make_protocol, self.config.ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop to accept connections, then finish those in progress."""
+        """Stop accepting connections, then finish the requests in progress."""
         if self._opened is not None:
             self._opened.cancel()
         self._limiter.listener.close()

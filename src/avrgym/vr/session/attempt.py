@@ -1,4 +1,4 @@
-"""One attempt at a trial: its recording, and its results so far."""
+"""One attempt at a trial: its recording and its results."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 Configure = Callable[[int], Configuration]
-"""Returns the configuration of the attempt with a number."""
+"""Function that returns the configuration of the attempt with a number."""
 
 
 @dataclass(frozen=True)
 class AttemptResults:
-    """Results of an attempt so far: success, and force and tool speed over its steps."""
+    """Results of an attempt up to now: success, and statistics of force and tool speed."""
 
     success: bool = False
     force_mean_n: float = 0.0
@@ -38,7 +38,7 @@ class AttemptResults:
     speed_mean_m_s: float = 0.0
 
     def after(self, step: ControlStep, steps: int) -> "AttemptResults":
-        """Returns the results after another control step; ``steps`` is its number."""
+        """Returns the results after another control step with the number ``steps``."""
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
@@ -53,23 +53,23 @@ class AttemptResults:
 
 
 class Attempt:
-    """The running attempt. Arguments are times of the session's clock; recorded times count from the attempt's start.
+    """The running attempt. Arguments are times of the session's clock. Recorded times count from the attempt's start.
 
-    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``attempt_results`` are over its
-    control steps, of which ``latest`` is the last one.
+    ``trial`` and the attempt's ``number`` count from 1. ``steps``, ``reward`` and ``attempt_results`` summarise its
+    control steps. ``latest`` is the latest control step.
     """
 
     def __init__(
         self, folder: Path, trial: int, configure: Configure, began_s: float, *, first_number: int = 1
     ) -> None:
-        """Open the recording of the first attempt at this trial that ``folder`` does not contain yet.
+        """Open the recording of the next attempt at this trial that ``folder`` does not contain.
 
         Args:
-            folder: the folder of recordings; made if it is missing.
+            folder: the folder of recordings; created if it is missing.
             trial: the trial's number, from 1.
             configure: returns the configuration of the attempt with a number.
-            began_s: now.
-            first_number: number of the first attempt in this folder; earlier ones are elsewhere.
+            began_s: the present time.
+            first_number: number of the first attempt in this folder; earlier attempts are in other folders.
 
         Raises:
             OSError: if no recording can be opened.
@@ -86,7 +86,7 @@ class Attempt:
 
     @property
     def success(self) -> bool:
-        """Whether the robot has succeeded so far."""
+        """Whether the robot has succeeded until now."""
         return self.attempt_results.success
 
     @property
@@ -96,7 +96,7 @@ class Attempt:
 
     @property
     def failure(self) -> Exception | None:
-        """The error that makes the recording incomplete, if there is one. A slow disk loses nothing."""
+        """The error that makes the recording incomplete, if any. A slow disk causes no loss of data."""
         error = self._recording.error
         return None if isinstance(error, TimeoutError) else error
 
@@ -109,18 +109,18 @@ class Attempt:
         return error
 
     def wait_for_writes(self) -> None:
-        """Wait until most records are written, in sessions faster than real time."""
+        """Wait until most records are written. For sessions faster than real time."""
         self._recording.wait_for_writes()
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
-        """Add a record of the time ``now_s``; the next ``submit_records`` writes it."""
+        """Add a record with the time ``now_s``. The next ``submit_records`` writes it."""
         self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
 
     def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
 
-        Call it at the end of a tick. Within a tick, both threads would compete for the interpreter and the tick would
-        take twice as long.
+        Call it at the end of a tick. Within a tick, both threads would compete for Python's interpreter lock, and the
+        tick would take twice as long.
         """
         recorded, self._records = self._records, []
         for record in recorded:
@@ -130,7 +130,7 @@ class Attempt:
             self._finished = None
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
-        """Record the simulator's state, after the action that this tick applied."""
+        """Record the simulator's state after this tick, and the action if it changed."""
         if world.applied_action is not None:
             action = world.applied_action.tolist()
             self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
@@ -153,13 +153,11 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:
-        """Record that the robot has finished, so that the attempt counts after a crash; see ``submit_records``."""
+        """Record that the robot has finished. After a crash the attempt then counts. See ``submit_records``."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:
-        """Record tracking frames in the order of arrival; the newest one moved the person, except for parts that are
-        held.
-        """
+        """Record tracking frames in the order of arrival. The newest frame moved the person, except its held parts."""
         deviating = [part for part in PARTS if part in followed.deviating or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
@@ -180,7 +178,7 @@ class Attempt:
             self.record("/tracking", record, frame.received_s)
 
     def close(self, result: schema.AttemptEnd, now_s: float) -> RecordingError | None:
-        """Close the recording; returns the error that makes it incomplete, if there is one."""
+        """Close the recording. Returns the error that makes it incomplete, if any."""
         self.submit_records()
         try:
             self._recording.close(self._outcome(result, now_s))
@@ -269,7 +267,8 @@ def configuration(
 
 
 def _open(folder: Path, trial: int, configure: Configure, number: int) -> tuple[int, RecordingWriter]:
-    """The first attempt from ``number`` on without a file, and its new recording."""
+    """Create the recording of the first attempt without a file, from ``number`` on. Returns its number and
+    recording."""
     make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"

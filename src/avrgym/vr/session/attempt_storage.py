@@ -24,11 +24,11 @@ class QuestionnaireAttempt:
 
 
 class AttemptStorage:
-    """Stores one attempt after another; the observer of ``sink`` stores the events.
+    """Stores the attempts of a session. The observer of ``sink`` stores the events.
 
-    ``attempt`` is the running one, ``recordings`` the files of all. ``completing`` is the index of a trial with a
-    completion that is not stored yet; ``failing``: the last attempt could not be stored.
-    ``questionnaire_attempt`` is the latest attempt; its answers may follow after its end.
+    ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing`` is the index
+    of a trial whose completion is not stored yet. ``failing``: the last attempt could not be stored.
+    ``questionnaire_attempt`` is the latest attempt; its answers may arrive after its end.
     """
 
     def __init__(self, folder: Path, sink: EventSink) -> None:
@@ -43,12 +43,12 @@ class AttemptStorage:
 
     @property
     def attempt_results(self) -> AttemptResults:
-        """The results of the latest attempt so far."""
+        """The results of the latest attempt until now."""
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
     def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
-        """Start an attempt at a trial, both numbers from 1; see ``Attempt``. Raises ``OSError`` if it cannot be
-        recorded.
+        """Start an attempt at a trial, see ``Attempt``; both numbers count from 1. Raises ``OSError`` if recording
+        fails.
         """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.failing:
@@ -77,9 +77,9 @@ class AttemptStorage:
             answers_file.append_answer(self.questionnaire_attempt.recording, answer)
 
     def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
-        """End a running attempt; returns the error that makes its recording incomplete, if there is one.
+        """End a running attempt. Returns the error that makes its recording incomplete, if any.
 
-        ``arrived`` are the tracking frames that nothing has followed.
+        ``arrived`` are the tracking frames that arrived since the last tick.
         """
         attempt, self.attempt = self.attempt, None
         if attempt is None:
@@ -93,12 +93,12 @@ class AttemptStorage:
         return failure
 
     def take_failure(self) -> Exception | None:
-        """Returns the observer's failure, unless no data is lost and the participant knows already."""
+        """Returns the observer's failure. ``None`` if no data are lost and the participant already knows."""
         failure = self._sink.take_failure()
         at_stake = self.attempt is not None or self.completing is not None
         return failure if at_stake or not self.failing else None
 
     def give_up(self) -> None:
-        """Store nothing until the next attempt, which calls the observer again."""
+        """Store nothing until the next attempt begins."""
         self.completing, self.failing = None, True
         self._sink.forget_failures()

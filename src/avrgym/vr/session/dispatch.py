@@ -7,7 +7,7 @@ from avrgym.vr.session.phases import Phase
 
 
 def take_message(phase: Phase, message: Received) -> Phase:
-    """Pass a message to a phase; returns the phase that follows."""
+    """Pass a message to a phase. Returns the next phase."""
     match message:
         case messages.Tracking():
             phase.take_tracking(message)
@@ -58,7 +58,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
 
 
 def execute_command(phase: Phase, command: CommandName) -> Phase:
-    """Pass a command of the experimenter to a phase; returns the phase that follows."""
+    """Pass a command of the experimenter to a phase. Returns the next phase."""
     match command:
         case "stop":
             return phase.stop("experimenter")

@@ -1,7 +1,7 @@
-"""Events of a session, one plain record each.
+"""Events of a session, each one a record of plain values.
 
-A session reports each event to its observer before it continues, so that a database can store it. ``time_s`` counts
-from the session's start; trials and attempts count from 1.
+A session reports each event to its observer, for example a database, before it continues. ``time_s`` is the time since
+the session's start. Trials and attempts count from 1.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class SessionEvent:
 
 @dataclass(frozen=True)
 class PhaseEntered(SessionEvent):
-    """The session entered a phase; ``trial`` is the running or next one."""
+    """The session entered a phase; ``trial`` is the running or next trial."""
 
     phase: PhaseName
     trial: int
@@ -47,7 +47,7 @@ class HeadsetCheckSkipped(SessionEvent):
 
 @dataclass(frozen=True)
 class Calibrated(SessionEvent):
-    """The participant's place is known; ``measured``: their torso height was measured too."""
+    """The participant's position and orientation are known; ``measured``: their torso height was measured too."""
 
     torso_height_m: float
     measured: bool
@@ -55,14 +55,14 @@ class Calibrated(SessionEvent):
 
 @dataclass(frozen=True)
 class ReachMeasured(SessionEvent):
-    """The participant's arms were measured, relative to the mean at their torso height."""
+    """The length of the participant's arms was measured, relative to the mean for their torso height."""
 
     arm_scale: float
 
 
 @dataclass(frozen=True)
 class SeatFollowed(SessionEvent):
-    """The participant has slid on the seat, and the virtual seat follows by this distance."""
+    """The participant has slid on the seat, and the virtual seat moves by this distance."""
 
     way_m: float
 
@@ -137,7 +137,7 @@ class QuestionsLeft(SessionEvent):
 
 @dataclass(frozen=True)
 class Stopped(SessionEvent):
-    """The robot was stopped; ``way`` is the participant's way to stop it."""
+    """The robot was stopped; ``way`` is the participant's stop method."""
 
     by: Initiator
     way: StopMethod | None = None
@@ -150,7 +150,7 @@ class Paused(SessionEvent):
 
 @dataclass(frozen=True)
 class StopRuleMet(SessionEvent):
-    """An answer pauses or ends the session, as in ``then``; ``why`` is a text."""
+    """An answer met a stop rule. ``then``: the session pauses or ends. ``why``: the reason as text."""
 
     then: str
     why: str
@@ -163,7 +163,7 @@ class Continued(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """A part of the body that the task needs is untracked: it keeps its last pose."""
+    """A part of the body that the task needs is untracked. It keeps its last pose."""
 
     part: Part
 
@@ -177,7 +177,7 @@ class TrackingFound(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
-    """A part of the body that the task needs was untracked for too long: the attempt ends."""
+    """A part of the body that the task needs was untracked for too long. The attempt ends."""
 
     part: Part
 
@@ -203,7 +203,8 @@ class TimeLost(SessionEvent):
 
 @dataclass(frozen=True)
 class ControllerFailed(SessionEvent):
-    """The robot stands still because its controller returns no action; see ``policies.controllers.ControllerError``."""
+    """The robot holds its position because its controller returns no action; see
+    ``policies.controllers.ControllerError``."""
 
     reason: str
 
@@ -227,7 +228,7 @@ class StreamLost(SessionEvent):
 
 @dataclass(frozen=True)
 class StreamFound(SessionEvent):
-    """The stream of another device is there, or is there again."""
+    """The stream of another device is available, or available again."""
 
     stream: str
 
@@ -236,22 +237,23 @@ Observer = Callable[[SessionEvent], None]
 
 
 class EventSink:
-    """Reports every event to an observer. ``failure`` is the latest reason why one is not stored."""
+    """Reports every event to an observer. ``failure`` is the latest error that prevented the storage of an event."""
 
     def __init__(self, observe: Observer, stored: Callable[[], bool]) -> None:
-        """``stored`` returns whether the observer has stored all events. Both may raise an error that prevents it."""
+        """``observe`` receives each event; ``stored`` returns whether all events are stored. Both may raise an
+        error."""
         self.failure: Exception | None = None
         self._observe, self._stored = observe, stored
 
     def report(self, event: SessionEvent) -> None:
-        """Report an event to the observer; ``failure`` is its error, if it raises one."""
+        """Report an event to the observer. If the observer raises an error, it is stored in ``failure``."""
         try:
             self._observe(event)
         except Exception as error:  # whatever keeps a database from storing it
             self.failure = error
 
     def all_stored(self) -> bool:
-        """Returns whether all events are stored; ``failure`` is the error, if there is one."""
+        """Returns whether all events are stored. An error is stored in ``failure``."""
         try:
             return self._stored()
         except Exception as error:  # whatever keeps a database from storing it
@@ -259,7 +261,7 @@ class EventSink:
             return False
 
     def take_failure(self) -> Exception | None:
-        """Returns the failure, once."""
+        """Returns the failure and clears it."""
         failure, self.failure = self.failure, None
         return failure
 

@@ -16,7 +16,7 @@ PoseGetter = Callable[[Tracking], XRPose | None]
 WINDOW_S = 0.5
 MIN_WINDOW_FRAMES = 5
 LATE_FRAME_PERIODS = 1.5
-"""Frames were dropped before a frame that is later than this many display periods."""
+"""An interval between frames above this number of display periods means that frames were dropped."""
 _HEAD: PoseGetter = lambda frame: frame.head  # noqa: E731
 _LEFT: PoseGetter = lambda frame: frame.left  # noqa: E731
 _RIGHT: PoseGetter = lambda frame: frame.right  # noqa: E731
@@ -52,12 +52,12 @@ class HeadsetMeasurement:
         self._drawn.append(drawn)
 
     def take_stop(self, method: StopMethod | Literal["none"], after_s: float | None = None) -> None:
-        """Add the method of the test stop, and its time after the request; ``none``: not within the limit."""
+        """Add the method of the test stop, and its time after the request. ``none``: no stop within the time limit."""
         self._stop, self._stop_after_s = method, after_s
 
     @property
     def has_motors(self) -> bool:
-        """Whether a hand holds a controller, which has a haptic motor."""
+        """Whether a hand holds a controller, and can thus receive haptic feedback."""
         newest = self._tracked[-1] if self._tracked else None
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
 
@@ -97,9 +97,9 @@ class HeadsetMeasurement:
 
 
 def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
-    """Returns the share of a display's frames that were not rendered, from the times (N,) between those that were.
+    """Returns the share of display frames that were not rendered, from the intervals (N,) between rendered frames.
 
-    If the headset does not report its rate, the median interval counts as the display's.
+    If the headset does not report its refresh rate, the median interval is used as the display period.
     """
     if not len(intervals_ms):
         return 0.0
@@ -111,9 +111,9 @@ def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
 
 
 def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
-    """Returns the jitter of a part at rest in mm: root mean square about a parabola, median over half seconds.
+    """Returns the jitter of a part at rest in mm: median over half seconds of the root mean square about a parabola.
 
-    The parabola removes slow sway. Returns ``None`` if no half second has enough frames.
+    Subtracting the parabola removes slow sway. Returns ``None`` if no half second has enough frames.
     """
     poses = [(frame.client_time_ms / 1000.0, take(frame)) for frame in frames]
     seen = [(time_s, pose.position) for time_s, pose in poses if pose is not None]

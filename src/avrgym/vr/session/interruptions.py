@@ -30,7 +30,8 @@ TIMED_OUT: Mapping[Part, str] = {
 
 @dataclass(frozen=True)
 class Interruption:
-    """``name`` and ``why`` are recorded, ``event`` is stored; the participant reads ``message``."""
+    """An interruption: ``name`` and ``why`` are recorded, ``event`` is stored, and ``message`` is for the
+    participant."""
 
     name: str
     why: str
@@ -39,7 +40,7 @@ class Interruption:
 
 
 def lost_tracking(now_s: float, part: Part) -> Interruption:
-    """A part of the body that the task needs has not been measured for ``UNTRACKED_LIMIT_S``."""
+    """The interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
     message = Text(TIMED_OUT[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
@@ -47,7 +48,7 @@ def lost_tracking(now_s: float, part: Part) -> Interruption:
 
 
 def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
-    """The participant no longer sees the scene."""
+    """The interruption if the participant no longer sees the scene."""
     why = f"the participant does not see the scene: {UNSEEN[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
@@ -55,7 +56,7 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
 
 
 def lost_time(now_s: float, seconds: float) -> Interruption:
-    """The process or its machine was suspended."""
+    """The interruption if the process or its machine was suspended."""
     why = f"the computer stood still for {seconds:.1f} s"
     message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

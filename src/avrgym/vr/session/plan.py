@@ -20,8 +20,9 @@ from avrgym.texts.interface_texts import ENGLISH, Texts
 class TrialPlan:
     """One trial: environment, policy (name or path) and seed; a practice trial has no questionnaire.
 
-    ``goal`` describes the task to the participant in one sentence, by default the task's own. ``items`` are its
-    questionnaire, by default that of the session. ``earlier_attempts`` counts attempts in other sessions.
+    ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
+    questionnaire; default: the session's questionnaire. ``earlier_attempts`` is the number of attempts in other
+    sessions.
     """
 
     environment: str
@@ -35,9 +36,9 @@ class TrialPlan:
 
 @dataclass(frozen=True)
 class OpenQuestionnaire:
-    """The questionnaire of a trial of an earlier session, in which some items were not answered.
+    """The questionnaire of a trial of an earlier session with unanswered items.
 
-    ``trial`` and ``attempt`` are numbers from 1; ``given`` are the answers so far, by item.
+    ``trial`` and ``attempt`` count from 1. ``given`` are the existing answers, by item.
     """
 
     trial: int
@@ -48,7 +49,7 @@ class OpenQuestionnaire:
 
 @dataclass(frozen=True)
 class HeadsetCheckPlan:
-    """Durations of the headset check: at rest, with the arms stretched, and while the participant moves.
+    """Durations of the headset check's measurements: at rest, with stretched arms, and in motion.
 
     ``stop_s`` is the time limit for the test stop.
     """
@@ -63,15 +64,16 @@ class HeadsetCheckPlan:
 class SessionPlan:
     """The plan of a session.
 
-    ``free_movement_s``: the person moves freely before and after each trial. ``countdown_s``: the wait before the robot
-    starts. ``trial_steps``: a trial's length in control steps. ``first_trial`` counts from 1; a session that
-    continues after a break starts there. ``haptics`` and ``sounds``: feedback of touches and of successes.
+    ``free_movement_s``: duration of free movement before and after each trial. ``countdown_s``: waiting time before the
+    robot starts. ``trial_steps``: a trial's length in control steps. ``first_trial``: the trial, counted from 1, with
+    which the session starts after a break. ``haptics`` and ``sounds``: feedback of touches and of successes.
     ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``. ``withdraw_after_success``: see
     ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
     their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
-    also stretch their arms, and the model gets arms of that length. ``open_questionnaire`` comes before all else.
-    ``consent``: the participant's consent, for the recordings. ``settings``: of all environments;
-    ``allow_other_settings``: with policies that were trained with others.
+    also stretch their arms, and the model gets the participant's arm length. ``open_questionnaire``: a questionnaire of
+    an earlier session that is completed first. ``consent``: the participant's consent, for the recordings.
+    ``settings``: settings of all environments. ``allow_other_settings``: whether policies may have been trained with
+    other settings.
     """
 
     trials: Sequence[TrialPlan]
@@ -99,7 +101,7 @@ class SessionPlan:
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)
         if not 1 <= self.first_trial <= last:
-            raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
+            raise ValueError(f"first_trial is {self.first_trial}; allowed: 1 to {len(self.trials)}")
 
     def goal_of(self, trial: TrialPlan) -> str:
         """Returns the description of the task for the participant."""
@@ -113,7 +115,7 @@ class SessionPlan:
 
 
 def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
-    """Returns for each environment a practice trial and then this number of trials; each trial has the next seed."""
+    """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial."""
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
         TrialPlan(environment, policy, seed + i, practice) for i, (environment, practice) in enumerate(order)
@@ -121,14 +123,14 @@ def practised_trials(environments: Sequence[str], policy: str, trials: int, seed
 
 
 Policies = Mapping[tuple[str, str], AnyPolicy]
-"""By environment and the policy's name or path; a name is another policy in each environment."""
+"""Policies by environment and name or path. The same name is a different policy in each environment."""
 
 
 def load_policies(plan: SessionPlan) -> Policies:
-    """Returns every policy that a plan names.
+    """Load all policies of a plan.
 
     Raises:
-        ValueError: for an unknown environment or a policy that cannot be loaded.
+        ValueError: for an unknown environment, or if a policy cannot be loaded.
     """
     return {
         (environment, policy): find_for_session(

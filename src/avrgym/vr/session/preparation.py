@@ -1,4 +1,4 @@
-"""Builds the world of a trial in advance, so the real-time thread never waits for a compiler."""
+"""Builds the world of a trial in advance. The real-time thread therefore never waits for the compilation."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -30,14 +30,14 @@ class BodyKey:
 
 @dataclass(frozen=True)
 class TrialKey:
-    """The trial and the body of a world."""
+    """Identifies a world by the index of its trial and the person's body."""
 
     trial: int
     body: BodyKey
 
 
 class ImmediateExecutor(Executor):
-    """Runs a task within ``submit``, for sessions in simulated time."""
+    """An executor that runs a task within ``submit``, for sessions in simulated time."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()
@@ -49,7 +49,7 @@ class ImmediateExecutor(Executor):
 
 
 class Preparation:
-    """The world that is being built, if there is one, with its ``key``."""
+    """The world that is being built, if any, with its ``key``."""
 
     def __init__(self, workers: Executor) -> None:
         self.key: TrialKey | None = None
@@ -57,7 +57,7 @@ class Preparation:
         self._world: Future[LiveWorld] | None = None
 
     def request(self, key: TrialKey, environment: str, person: Person, settings: Settings, seed: int) -> None:
-        """Start to create a world with a person in this pose; cancels an earlier request."""
+        """Start to build a world with a person in this pose. Cancels an earlier request."""
         if self._world is not None:
             self._world.cancel()
         self.key = key

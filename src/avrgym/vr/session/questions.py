@@ -1,4 +1,4 @@
-"""The questionnaire of one trial: the current item, and valid answers."""
+"""The questionnaire of one trial: the current item, and checks of answers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ from avrgym.vr.protocol import messages
 
 
 class Questions:
-    """Asks one item after another; the participant may go back to change answers."""
+    """Presents the items in order. The participant may go back to change answers."""
 
     def __init__(self, items: Sequence[Item], given: Mapping[str, int] | None = None) -> None:
         """Start with the first item without an answer in ``given``."""
@@ -47,10 +47,10 @@ class Questions:
         )
 
     def take(self, answer: messages.Answer) -> Answer:
-        """Take the answer to the current item and move to the next one.
+        """Store the answer to the current item and move to the next item.
 
         Raises:
-            ValueError: for an invalid answer, with the allowed values.
+            ValueError: for an invalid answer. The message contains the allowed values.
         """
         validate_answer([self._items[self._asked]], answer.item, answer.value)
         self._asked += 1
@@ -58,7 +58,7 @@ class Questions:
         return Answer(answer.item, answer.value, answer.response_time_s)
 
     def go_back(self) -> bool:
-        """Move to the item before this one; returns whether there is one."""
+        """Move to the previous item. Returns whether there is one."""
         if self._asked == 0:
             return False
         self._asked -= 1

@@ -1,4 +1,4 @@
-"""Messages that a session sends continuously: states of the world, touches, successes, and its status."""
+"""Messages that a session sends continuously: states of the world, touches, successes, and the session's status."""
 
 from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
@@ -19,10 +19,11 @@ NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=
 
 
 class Reporter:
-    """Sends states and feedback of the present world; call ``tick`` once a tick."""
+    """Sends states and feedback of the present world. Call ``tick`` once per tick."""
 
     def __init__(self, send: Send, state_interval_ticks: int = 1) -> None:
-        """With ``state_interval_ticks`` above 1, a state due at the end of a control step is sent one tick later."""
+        """Create a reporter. If ``state_interval_ticks`` is above 1, states at the end of a control step are sent a
+        tick later."""
         self._send, self._state_every_ticks = send, state_interval_ticks
         self._ticks, self._state_due = 0, state_interval_ticks
         self._felt = NO_FEEDBACK
@@ -35,7 +36,7 @@ class Reporter:
         return self._ticks % STATUS_INTERVAL_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
-        """Send the state after a tick, in which the body followed the tracking."""
+        """Send the state after a tick. ``tracking`` is the tracking that moved the body."""
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmContactMonitor(world.simulation)
@@ -59,7 +60,7 @@ class Reporter:
         )
 
     def _send_feedback(self, step: ControlStep | None) -> None:
-        """Send touches that begin or end, and successes."""
+        """Send feedback when touches begin or end, and for successes."""
         events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)
         if felt != self._felt or events:
@@ -72,7 +73,7 @@ def status(
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
     streams: list[messages.StreamStatus], visibility: messages.Visibility,
 ) -> messages.Status:  # fmt: skip
-    """Returns the status of a session; a trial has this number of ``steps``."""
+    """Returns the status of a session. ``steps`` is the number of control steps of a trial."""
     left, right = tracking.modalities
     region, share = most_loaded_region(world.simulation)
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None

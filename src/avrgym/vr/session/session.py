@@ -1,9 +1,9 @@
-"""A participant's session: a state machine of explicit phases, from free movement to the questionnaire.
+"""A participant's session: a state machine whose phases lead from calibration to the questionnaires.
 
-``phases`` define texts and transitions, ``state`` holds what they share.
+``phases`` define texts and transitions. ``state`` contains their shared state.
 
 The session has no clock and no network. Its owner passes messages and ticks, each with the time in seconds since the
-session's start, and sends its messages. The same session therefore runs live on a thread and, with a simulated
+session's start, and sends the session's messages. The same code therefore runs live on a thread and, with a simulated
 participant, faster than real time.
 """
 
@@ -38,11 +38,11 @@ from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 
 MAX_TICK_GAP_S = 0.5
-"""A longer time between two ticks, which are 10 ms apart, ends an attempt."""
+"""Maximum time between two ticks, which are usually 10 ms apart. A longer gap ends an attempt."""
 
 
 class Session:
-    """One participant's session: passes messages and ticks to its phase, and enters the phase that follows."""
+    """One participant's session. Passes messages and ticks to its phase, and enters the next phase."""
 
     def __init__(
         self,
@@ -64,17 +64,17 @@ class Session:
 
         Args:
             plan: the plan.
-            policies: every policy that the plan names.
+            policies: all policies of the plan.
             folder: the folder of recordings; files are never overwritten.
             send: called with every message for the clients.
             identifier: the session's name for clients and recordings.
             observe: called with every event. If it raises, the session pauses.
-            kept: returns whether the observer has stored all events. Until then no phase ends by itself, and no trial
+            kept: returns whether the observer has stored all events. Until then no phase times out, and no trial
                 follows a completed one. If it raises, the session pauses.
             ended_elsewhere: returns whether the session was ended elsewhere; called at every tick.
-            workers: make the worlds of later trials. Without workers the ticking thread makes them, and waits for
-                external controllers.
-            scenes: those of earlier sessions, which keep their addresses; the session adds its own.
+            workers: an executor that builds the worlds of later trials. Without it, the thread that calls ``tick``
+                builds them, and waits for external controllers.
+            scenes: scenes of earlier sessions, which keep their addresses. The session adds its own.
             streams: the streams of other devices, for sessions in real time.
             state_interval_ticks: interval of the world's states, in ticks.
         """
@@ -87,7 +87,7 @@ class Session:
         sink = EventSink(observe if streams is None else _both(streams.send_event, observe), kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, background=workers is not None)
-        versions()  # reads files the first time, for which no tick may wait
+        versions()  # this reads files the first time, which must not delay a tick
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
@@ -102,7 +102,7 @@ class Session:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves, so that a delay of some milliseconds does no harm."""
+        """Whether nothing moves. A delay of some milliseconds is then acceptable."""
         return not self._phase.moves
 
     @property
@@ -132,7 +132,7 @@ class Session:
 
     @property
     def attempt_results(self) -> AttemptResults:
-        """The results of the latest attempt so far."""
+        """The results of the latest attempt until now."""
         return self._state.storage.attempt_results
 
     @property
@@ -142,7 +142,7 @@ class Session:
 
     @property
     def registration(self) -> Registration | None:
-        """The place of the participant's floor in the world, once it is known."""
+        """The pose of the participant's floor in the world frame; ``None`` before calibration."""
         return self._state.tracking.registration
 
     @property
@@ -172,7 +172,7 @@ class Session:
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of the participant's client or of the experimenter's."""
+        """Handle a message from the participant's or the experimenter's client."""
         self._state.now_s = now_s
         self._go_to(take_message(self._phase, message))
 
@@ -208,7 +208,7 @@ class Session:
             storage.attempt.submit_records()
 
     def wait_for_writes(self) -> None:
-        """Wait for the disk, where ticks follow each other faster than in real time."""
+        """Wait until most records are written. For sessions faster than real time."""
         if self.attempt is not None:
             self.attempt.wait_for_writes()
 
@@ -221,7 +221,7 @@ class Session:
         self._state.drivers.close()
 
     def prevent_trials(self, decision: StopDecision) -> None:
-        """Let no trial start, because of an answer before the session."""
+        """Prevent trials, because an answer before the session met a stop rule."""
         self._state.prevent_trials(decision)
 
     def _is_over(self) -> bool:
@@ -237,7 +237,7 @@ class Session:
         return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
-        """Enter a phase if it is another one; returns whether it is."""
+        """Enter a phase if it differs from the present one. Returns whether it does."""
         if phase is self._phase:
             return False
         self._enter(phase)
@@ -269,7 +269,7 @@ class Session:
             send(self._phase.question)
 
     def _follow(self) -> None:
-        """Move the person to the newest tracking frame; without a fresh one the person keeps the pose."""
+        """Move the person to the newest tracking frame. If it is stale, the person keeps the pose."""
         state, attempt = self._state, self._state.storage.attempt
         followed = state.tracking.follow(self.world.task.tracked, state.now_s)
         if followed.pose is not None:
@@ -287,21 +287,21 @@ class Session:
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
 
     def _report_tracking(self, part: Part, *, lost: bool) -> None:
-        """Report that a part that the task needs is no longer tracked, or is tracked again."""
+        """Report that tracking of a required part is lost, or has returned."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)
         kind = events.TrackingLost if lost else events.TrackingFound
         state.sink.report(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
-        """Interrupt an attempt in which the participant was untracked or time was lost."""
+        """Interrupt an attempt if the participant was untracked or the process was suspended."""
         if since_last_tick_s > MAX_TICK_GAP_S:
             self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
         elif self._phase.can_be_stopped and self._state.untracked is not None:
             self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))
 
     def _check_storage(self) -> None:
-        """Report a slow disk; stop at a trial that recording or observer cannot store."""
+        """Report a slow disk. If the recording or the observer cannot store a trial, stop."""
         state, storage = self._state, self._state.storage
         stored, failure = state.sink.all_stored(), storage.take_failure()
         if failure is not None:

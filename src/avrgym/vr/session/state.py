@@ -41,14 +41,15 @@ LATENCY_SECONDS = 5
 
 @dataclass
 class SessionState:
-    """The state of a session, in any phase.
+    """The state of a session that all phases share.
 
-    ``trial`` counts the plan's trials from 0. ``person`` is the participant's virtual body; ``height_known``: it has
-    their torso height; ``calibrated_for``: the posture of their calibration. ``on_hold``: no trial may start, because
-    of the experimenter or a stop rule; ``pause_reason`` is the rule's reason; ``ending``: the rule ends the session.
-    ``ready_for`` is the trial for which the participant has last confirmed to be ready. ``visibility``: whether they
-    see the scene. ``away``: the text that explains why they are not in VR, ``None`` while they are. ``headset`` is its
-    latest check; ``headset_checked``: it passed, or was skipped. ``now_s`` is the time since the session's start.
+    ``trial`` is the index of the plan's trial, from 0. ``person`` is the participant's virtual body. ``height_known``:
+    the body has the participant's torso height. ``calibrated_for``: the posture during calibration. ``on_hold``: no
+    trial may start, because of the experimenter or a stop rule. ``pause_reason`` is the rule's reason. ``ending``: the
+    rule ends the session. ``ready_for``: the trial for which the participant last confirmed to be ready.
+    ``visibility``: whether the participant sees the scene. ``away``: the text that explains why the participant is not
+    in VR; ``None`` in VR. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or
+    was skipped. ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan
@@ -81,7 +82,7 @@ class SessionState:
 
     @property
     def current(self) -> TrialPlan:
-        """The running or next trial; the last one when all are over."""
+        """The running or next trial; the last trial when all are over."""
         return self.plan.trials[min(self.trial, len(self.plan.trials) - 1)]
 
     @property
@@ -96,19 +97,19 @@ class SessionState:
 
     @property
     def untracked(self) -> Part | None:
-        """The first part that the world's task needs and that was untracked for ``UNTRACKED_LIMIT_S``."""
+        """The first part of the body that the task needs and that was untracked for ``UNTRACKED_LIMIT_S``."""
         needed = self.world.task.tracked
         return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None)
 
     @property
     def following(self) -> int:
-        """The trial after this one; an open questionnaire comes before the first trial."""
+        """The index of the next trial. After an open questionnaire of an earlier session, it is the first trial."""
         return max(self.trial + 1, self.plan.first_trial - 1)
 
     # What goes out -----------------------------------------------------------------------------------------------
 
     def explain(self, text: Text) -> None:
-        """Explain to the participant, in their language, why a request is refused; the experimenter reads it too."""
+        """Show the participant, in their language, why a request is rejected. The experimenter sees it too."""
         texts = self.plan.texts
         by_input = texts.render_by_input(text)
         self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))
@@ -127,7 +128,7 @@ class SessionState:
         return messages.Language(texts.language, texts.direction, dict(texts.page))
 
     def scene_message(self) -> messages.Scene:
-        """Returns the scene to draw, in the participant's room once that is known."""
+        """Returns the scene to draw, with the pose of the participant's room if it is known."""
         registration = self.tracking.registration or Registration(np.zeros(3), 0.0)
         return self.world.scene(self.worlds.number, registration)
 
@@ -145,7 +146,7 @@ class SessionState:
             self.send_placed(self.send)
 
     def take_placing_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a tracking frame of a phase in which the first usable frame determines the participant's place."""
+        """Add a tracking frame. The first usable frame determines the participant's place."""
         frame = self.tracking.take(tracking, self.now_s)
         if frame.usable and self.tracking.registration is None:
             assert tracking.head is not None
@@ -153,13 +154,13 @@ class SessionState:
             self.send_changed_scene()
 
     def send_placed(self, send: Send) -> None:
-        """Send the world's new place, if it follows a participant who has slid."""
+        """Send the world's new place while it follows a participant who has slid."""
         placed = self.tracking.placed
         if placed is not None:
             send(placed)
 
     def follow_seat(self) -> None:
-        """Move the seat after a participant who has slid; the start and each place on the way are recorded."""
+        """Move the seat after a participant has slid. Records the start and each place of this motion."""
         before = self.tracking.registration
         glide = self.tracking.follow_seat(self.world.joint_targets_rad)
         if glide is not None:
@@ -176,36 +177,37 @@ class SessionState:
                 self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
     def apply_stop_rule(self, decision: StopDecision) -> None:
-        """Let no further trial start, because of an answer; the present questionnaire is completed first."""
+        """Prevent further trials, because an answer met a stop rule. The present questionnaire is completed first."""
         self.prevent_trials(decision)
         self.record_event("stop_rule_met", decision.why)
         self.sink.report(events.StopRuleMet(self.now_s, decision.then, decision.why))
         self.report(f"the session {decision.then}s: {decision.why}")
 
     def prevent_trials(self, decision: StopDecision) -> None:
-        """Let no further trial start, without a report."""
+        """Prevent further trials, without a report."""
         self.on_hold, self.pause_reason = True, decision.why
         self.ending = self.ending or decision.then == "end"
 
     # The participant's body --------------------------------------------------------------------------------------
 
     def set_torso_height(self, torso_height_m: float) -> None:
-        """Change the body's size, in its place.
+        """Change the body's torso height. Its place does not change.
 
         Raises:
-            ValueError: for a height outside the range of adults, with the allowed range.
+            ValueError: for a height outside the range of adults. The message contains the range.
         """
         self.person = replace(self.person, torso_height_m=torso_height_m)
         self.height_known = True
         self.tracking.update_place(self.person)
 
     def set_arm_scale(self, arm_scale: float) -> None:
-        """Change the length of the body's arms; raises ``ValueError`` outside the range of adults."""
+        """Change the length of the body's arms. Raises ``ValueError`` outside the range of adults."""
         self.person = replace(self.person, arm_scale=arm_scale)
         self.sink.report(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
-        """Set the torso height that the experimenter entered; returns whether it is valid, and reports if not."""
+        """Set the torso height that the experimenter entered. Returns whether it is valid, and reports an invalid
+        one."""
         try:
             self.set_torso_height(torso_height_m)
         except ValueError as error:
@@ -215,10 +217,10 @@ class SessionState:
         return True
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
-        """Change the participant's body; returns whether the choice is valid, and reports if not.
+        """Change the participant's body. Returns whether the choice is valid, and reports an invalid one.
 
-        A body of the other sex must be calibrated again: the headset's height gives the torso height only above the
-        hips, which are higher on men.
+        After a change of the sex the participant must be calibrated again. The torso height is measured from the hips,
+        and the hips of the male model are higher.
         """
         try:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
@@ -238,7 +240,10 @@ class SessionState:
         return True
 
     def take_visibility(self, visibility: messages.Visibility) -> bool:
-        """Returns whether the participant has just lost sight of the scene. They start the next trial themselves."""
+        """Store the visibility of the scene. Returns whether the participant has just lost sight of it.
+
+        After a loss the participant starts the next trial.
+        """
         before, self.visibility = self.visibility, visibility
         if visibility != "visible":
             self.ready_for = -1
@@ -249,7 +254,7 @@ class SessionState:
         return False
 
     def reset_place(self) -> None:
-        """Forget the participant's place."""
+        """Delete the participant's place. The next usable frame determines it."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
     # Latency of the pictures -------------------------------------------------------------------------------------
@@ -272,7 +277,7 @@ class SessionState:
     # Attempts ----------------------------------------------------------------------------------------------------
 
     def begin_attempt(self) -> None:
-        """Start and record an attempt at the current trial; raises ``OSError`` if it cannot be recorded."""
+        """Start and record an attempt at the current trial. Raises ``OSError`` if it cannot be recorded."""
         assert self.tracking.registration is not None
         plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
         place = self.tracking.registration.xr_from_world()
@@ -292,7 +297,7 @@ class SessionState:
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def record_driver_failures(self) -> None:
-        """Record when the driver fails or drives again; report each kind of failure once in an attempt."""
+        """Record failures of the driver and their ends. Reports each kind of failure once per attempt."""
         if isinstance(self.driver, Operator):
             self.driver.check_timeout(self.now_s)
         failure = self.driver.failure
@@ -320,7 +325,7 @@ class SessionState:
 
     @property
     def withdraws(self) -> bool:
-        """Whether the robot withdraws after success; an operator decides that alone."""
+        """Whether the robot withdraws after success. With an operator it never does."""
         return self.plan.withdraw_after_success and not isinstance(self.driver, Operator)
 
     def record_withdrawal(self) -> None:
@@ -331,13 +336,14 @@ class SessionState:
         self._withdrew = withdraws
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
-        """End a running attempt; returns the error that makes its recording incomplete, if there is one."""
+        """End a running attempt. Returns the error that makes its recording incomplete, if any."""
         if self.storage.attempt is None:
             return None
         return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
 
     def complete_attempt(self) -> RecordingError | None:
-        """Stop the robot, which has finished, and complete a running attempt; returns what ``end_attempt`` returns."""
+        """Stop the robot after it has finished, and complete a running attempt. Returns the result of
+        ``end_attempt``."""
         self.world.hold()
         return self.end_attempt("completed")
 

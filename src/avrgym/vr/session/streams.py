@@ -12,19 +12,19 @@ from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 
 SEND_INTERVAL_TICKS = 2
-"""Interval of poses and forces: 50 a second."""
+"""Interval of poses and forces (50 Hz)."""
 
 
 class Streams(Protocol):
-    """The streams of other devices. No method waits; times are of the session's clock."""
+    """The streams of other devices. Methods never block. Times are of the session's clock."""
 
     @property
     def present(self) -> Mapping[str, bool]:
-        """Whether each requested stream is there, by its name."""
+        """Whether each requested stream is available, by name."""
         ...
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """Returns the samples since the last call, each chunk with its stream."""
+        """Returns the samples received since the last call, in chunks with the name of their stream."""
         ...
 
     def send_event(self, event: SessionEvent) -> None:
@@ -48,7 +48,7 @@ class StreamRecording:
 
     @property
     def status(self) -> list[StreamStatus]:
-        """The requested streams, and which of them are there."""
+        """The requested streams, and whether each is available."""
         return [StreamStatus(name, present) for name, present in self._present.items()]
 
     def tick(self) -> None:
@@ -65,7 +65,7 @@ class StreamRecording:
             self._record(stream, samples)
 
     def _begin(self) -> None:
-        """Record in a new recording which streams are missing at its start."""
+        """Record the streams that are missing at the start of a new recording."""
         self._attempt = self._state.storage.attempt
         self._described.clear()
         for name, present in self._present.items():

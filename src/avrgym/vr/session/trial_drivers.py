@@ -7,10 +7,10 @@ from avrgym.vr.session.plan import Policies, TrialPlan
 
 
 class Drivers:
-    """A driver for each policy of each environment. ``failure`` is the latest failure of the current one."""
+    """A driver for each policy of each environment. ``failure`` is the latest failure of the current driver."""
 
     def __init__(self, policies: Policies, *, background: bool) -> None:
-        """External controllers run in the ``background``, or the session waits for them."""
+        """Create the drivers. External controllers run in the ``background``; otherwise the session waits for them."""
         self.failure = ""
         self.reported_kinds: set[str] = set()
         self._drivers = {key: make_driver(policy, background=background) for key, policy in policies.items()}
@@ -21,7 +21,7 @@ class Drivers:
         return self._drivers[trial.environment, trial.policy]
 
     def plugins_of(self, trial: TrialPlan) -> tuple[UsedPlugin, ...]:
-        """Returns the plug-ins that a trial uses, as they were at the session's start."""
+        """Returns the plug-ins of a trial, with their versions at the session's start."""
         return self._plugins[trial.environment, trial.policy]
 
     def begin(self) -> None:

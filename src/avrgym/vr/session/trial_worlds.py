@@ -15,8 +15,8 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 class TrialWorlds:
     """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
-    ``scenes`` holds environment, person and settings of each scene, by the number in its address; ``number`` is that of
-    the present ``world``.
+    ``scenes`` contains environment, person and settings of each scene, by the number in its address. ``number`` is the
+    scene of the present ``world``.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class TrialWorlds:
         workers: Executor,
         scenes: list[tuple[str, Person, Settings]],
     ) -> None:
-        """Build the world of the trial with this index; new scenes are added to ``scenes``."""
+        """Build the world of the trial with this index. New scenes are added to ``scenes``."""
         self.scenes = scenes
         self._plan = plan
         self._preparation = Preparation(workers)
@@ -43,7 +43,7 @@ class TrialWorlds:
         return scene_url(self.number)
 
     def is_fresh(self, trial: int, person: Person) -> bool:
-        """Returns whether the present world was built for this trial and body, and no robot has moved in it."""
+        """Returns whether the present world was built for this trial and body, and its robot has not moved."""
         return self._fresh_for == _key(trial, person)
 
     def mark_used(self) -> None:
@@ -51,9 +51,9 @@ class TrialWorlds:
         self._fresh_for = None
 
     def prepare(self, trial: int, person: Person) -> None:
-        """Start to create a trial's world, unless it exists or is in preparation.
+        """Start to build a trial's world, if it does not exist and is not in preparation.
 
-        In the same environment, its person starts in the present pose, else in the task's pose.
+        If the environment does not change, its person has the present pose, otherwise the task's pose.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.key):
@@ -66,7 +66,7 @@ class TrialWorlds:
         self._preparation.request(key, plan.environment, start_person, self._plan.settings, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
-        """Returns the address of a trial's scene, unless it is the present one."""
+        """Returns the address of a trial's scene; ``None`` if it is the present scene."""
         number = self._number(self._plan.trials[trial].environment, person)
         return None if number == self.number else scene_url(number)
 
@@ -76,17 +76,17 @@ class TrialWorlds:
         return self._preparation.ready
 
     def switch(self) -> None:
-        """Replace the present world by the prepared one, or raise its error."""
+        """Replace the present world by the prepared one. Raises the error of its preparation, if any."""
         key, world = self._preparation.key, self._preparation.take()
         self.number = self._number(world.environment, world.person)
         self.world, self._fresh_for = world, key
 
     def client_connected(self) -> None:
-        """Note that a client has just connected and shows nothing yet."""
+        """Store that a client has just connected and shows no scene yet."""
         self._shown = None
 
     def mark_shown(self, url: str) -> None:
-        """Note that the client shows the scene with this address."""
+        """Store that the client shows the scene with this address."""
         if url == self.url:
             self._shown = self.number
 
@@ -96,7 +96,7 @@ class TrialWorlds:
         return self._shown == self.number
 
     def _number(self, environment: str, person: Person) -> int:
-        """The number of an environment's scene with this person; a new one if there is none."""
+        """The number of an environment's scene with this person. Adds a new scene if there is none."""
         settings = self._plan.settings
         for number, (known, body, applied) in enumerate(self.scenes):
             same = (known, applied) == (environment, settings)

@@ -1,12 +1,13 @@
 """Inverse kinematics of a person's right arm with a natural elbow position.
 
-The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that meet at the wrist. A hand pose
-leaves one degree of freedom, the swivel of the elbow about the line from shoulder to wrist (Tolani, Goswami and Badler,
-"Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000). Each swivel gives the
-joint angles in closed form; the solver takes the most comfortable one near the present. Joint ranges and speed limits
-leave an error of the hand, which damped least squares distribute over all joints.
+The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that intersect at the wrist. A hand pose
+leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist (Tolani, Goswami and
+Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000). Each swivel
+angle determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the present one.
+Joint ranges and speed limits may leave an error of the hand, which damped least squares reduce with all joints.
 
-All quantities are in the shoulder's frame: its origin, the torso's axes. The left arm is the mirror image.
+All quantities are in the shoulder's frame, which has the torso's axes. The left arm is solved as the mirror image of a
+right arm.
 """
 
 from collections.abc import Sequence
@@ -28,16 +29,19 @@ ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
 LOWER, UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
 _FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimum, np.maximum))
-"""Around angles between these, half a turn either way lies in the joint's range or covers it."""
+"""Angles are reduced to within ±π of a value between these. The interval then lies in the joint's range or covers
+it."""
 
 MAX_TURN_RAD = 0.0999
-"""Maximum turn of a joint in one tick."""
+"""Maximum rotation of a joint in one tick."""
 DETOUR_RAD = 1.2
-"""The hand may leave its path on the way to a target farther than this, because no joint path keeps it in place."""
+"""If a joint must rotate by more than this, the hand may leave its path, because no joint motion keeps it on the
+path."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
-"""Relative tolerance of the reach of a wrist. At the limits of reach, rounding alone bends the elbow."""
+"""Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
 POLE_RAD = 0.006
-"""Within this angle from straight forward, an upper arm's direction is approximate: 3 mm for an arm of half a metre."""
+"""If the upper arm is within this angle of the forward direction, its direction is approximate: 3 mm for an arm of 0.5
+m."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
@@ -46,9 +50,9 @@ SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006
 """Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
 never jump. All costs are tuned on poses of free movement."""
 RAISED_ELBOW_COST = 0.025
-"""Half the cost of an elbow opposite to its rest position."""
+"""Half the cost of an elbow opposite its rest position."""
 ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
-"""The direction from the shoulder to an elbow at rest: down, a little outward and to the front."""
+"""The direction from the shoulder to an elbow at rest: down, slightly outwards and forwards."""
 COMFORTABLE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
@@ -69,7 +73,7 @@ class ArmLengths:
 
 
 class ArmSolver:
-    """Solves for right arms of one person. The result depends only on the arguments."""
+    """Inverse kinematics for the right arm of one person. Stateless: the result depends only on the arguments."""
 
     def __init__(self, person: Person) -> None:
         self._lengths = ArmLengths.from_person(person)
@@ -89,10 +93,10 @@ class ArmSolver:
         """Returns the angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
 
         Args:
-            hand_pos: the hands' centres (A, 3), metres; the arm stretches towards positions out of reach.
+            hand_pos: the hands' centres (A, 3), metres. For positions out of reach the arm stretches towards them.
             hand_axes: the hands' axes (A, 3, 3) as columns.
             start_rad: the present angles (A, 7).
-            turn_rad: maximum turn of a joint from them.
+            turn_rad: maximum rotation of a joint from its present angle.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
@@ -116,7 +120,7 @@ class ArmSolver:
         angles: FloatArray,
         limits: tuple[FloatArray, FloatArray],
     ) -> FloatArray:
-        """A damped least-squares step (7,); a joint at a limit does not move further outwards."""
+        """A damped least-squares step (7,). Joints at a limit do not move beyond it."""
         data = self._data
         data.qpos[_RIGHT] = angles
         mujoco.mj_kinematics(self._model, data)
@@ -141,7 +145,7 @@ _DAMPING = DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
-    """The rotation vector (3,) from axes (9,), flattened by rows, to target axes (3, 3)."""
+    """Rotation vector (3,) from a rotation matrix (9,), flattened by rows, to a target matrix (3, 3)."""
     difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
     mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
     mujoco.mju_mat2Quat(q, difference)
@@ -166,9 +170,9 @@ _COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
 def comfortable_angles(
     lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> FloatArray:
-    """Returns angles (A, 7) that bring hands to poses within reach, regardless of the ranges of shoulder and wrist.
+    """Returns angles (A, 7) that bring hands to poses within reach, without limits of shoulder and wrist.
 
-    The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
+    The arguments are those of ``ArmSolver.solve``. Several arms need little more time than one.
     """
     elbow, coefficients = _swivelling(
         lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad
@@ -184,10 +188,10 @@ def comfortable_angles(
 def _swivelling(
     lengths: ArmLengths, wrist: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The swivels of A arms: the elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
+    """Elbow angles (A,) of A arms, and coefficients (A, 11, 3) of the swivel angle for ``_harmonics``.
 
-    A swivel turns the axes of the upper arm, and of the forearm before its own turn, seen from the hand. The
-    coefficients are those of the quantities in ``_ENTRIES``.
+    The swivel angle changes the upper arm's axes in the shoulder's frame. It also changes the forearm's axes in the
+    hand's frame, before the joint forearm_z is applied. Row i of the coefficients belongs to row i of ``_ENTRIES``.
     """
     wrists = wrist.tolist()
     bends = [_elbow(lengths, sqrt(x * x + y * y + z * z)) for x, y, z in wrists]
@@ -199,10 +203,10 @@ def _swivelling(
 
 
 def _entries() -> FloatArray:
-    """A matrix (11, 18) that maps two frames to the quantities that determine angles and elbow position.
+    """A matrix (11, 18) that maps the frames of upper arm and forearm to the inputs of ``_solutions`` and ``_costs``.
 
-    For free angles first the sines, then the cosines, each times a positive number; then the sines of the bending
-    angles. See ``_solutions``.
+    Rows 0–3 are sines and rows 4–7 cosines of the unlimited angles, both times a positive number. Rows 8–9 are the
+    sines of the bending angles. Row 10 is the component of the elbow's direction along its rest direction.
     """
     upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
     sines = upper_arm[0, 2], upper_arm[1, 0], -forearm[1, 0], -forearm[0, 2]
@@ -216,7 +220,7 @@ _ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
-    """The elbow's angle for a wrist at a distance, and the angle of the upper arm below the line to the wrist."""
+    """The elbow's angle for a distance of the wrist, and the angle between upper arm and the line to the wrist."""
     upper, fore = lengths.upper_m, lengths.fore_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
     angle = -acos(min(max(cosine, -1.0), 1.0))
@@ -224,9 +228,9 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
 
 
 def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
-    """Axes (3, 3) as columns: −z towards the wrist, x close to the elbow's hinge.
+    """Axes (3, 3) as columns: −z points towards the wrist, x is close to the elbow's hinge.
 
-    If the hinge points to the wrist, x is the hinge after a quarter turn of the upper arm.
+    If the hinge points to the wrist, x is the hinge after a rotation of the upper arm by 90°.
     """
     x, y, z = wrist
     scale = -1.0 / max(sqrt(x * x + y * y + z * z), 1e-6)
@@ -249,9 +253,10 @@ def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
 
 
 def _turning_axes(below: float) -> list[list[float]]:
-    """The axes x, y, z of a frame that swivels about z and then turns about its x: coefficients (3, 9).
+    """Coefficients (3, 9) of the axes x, y, z of a frame that rotates about z by the swivel angle, then about its x
+    axis.
 
-    For each axis: the coefficients of the swivel's cosine, of its sine, and the constant.
+    For each axis they are the coefficients of the swivel angle's cosine, of its sine, and the constant.
     """
     c, s = cos(below), sin(below)
     return [
@@ -262,7 +267,7 @@ def _turning_axes(below: float) -> list[list[float]]:
 
 
 def _harmonics(swivels_rad: Sequence[float]) -> FloatArray:
-    """The factors (3, K) of the coefficients, for K swivels."""
+    """Cosines, sines and ones (3, K) of K swivel angles: the factors of the coefficients of ``_turning_axes``."""
     return np.array(
         [
             [cos(swivel) for swivel in swivels_rad],
@@ -276,7 +281,8 @@ _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist
 
 
 def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both solutions of the shoulder."""
+    """Joint angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivel angles, with both solutions of the
+    shoulder."""
     read = entries.transpose(1, 0, 2)
     angles = np.empty((7, 2, *read.shape[1:]))
     angles[::2] = np.arctan2(read[:4], read[4:8])[:, None]
@@ -298,10 +304,10 @@ _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
 def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatArray) -> None:
-    """Keep the angle of shoulder y where the upper arm points nearly forward, and the hand hardly moves.
+    """Keep the angle of shoulder y if the upper arm points nearly forward. The hand hardly moves by this.
 
-    There y and z turn about the same axis, and exact solutions for a passing hand would spin both joints.
-    ``forward`` (A, K) is the component of the upper arm's direction forward, −1 to 1.
+    In this direction y and z rotate about the same axis, and exact solutions would rotate both joints fast while the
+    arm passes it. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
     """
     slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - forward * forward), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
@@ -310,10 +316,10 @@ def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatA
 
 
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """The costs (A, 2, K) of the solutions; ``rests`` (A, K) is the last of the ``_ENTRIES``.
+    """The costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
-    Both motion and discomfort cost the squared difference from one angle of each joint. Up to a constant, their sum is
-    one squared difference from the weighted mean of the two angles.
+    The cost of motion is the squared difference from the present angle of each joint, the cost of discomfort that from
+    its comfortable angle. Up to a constant, their sum is the squared difference from the weighted mean of both angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
     away = angles - _per_arm(
@@ -336,14 +342,12 @@ def _vertex(costs: FloatArray, lowest: int) -> float:
 
 
 def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
-    """``numpy.clip`` takes several times as long on a few numbers."""
+    """Clip to a range. ``numpy.clip`` takes several times as long for a few numbers."""
     return np.minimum(np.maximum(x, lower), upper)
 
 
 def solution_ms(calls: int = 1000) -> float:
-    """Returns the median processor time in milliseconds of a solution for one arm whose hand circles in front of the
-    chest.
-    """
+    """Returns the median processor time in milliseconds for one arm. The hand circles in front of the chest."""
     solver, angles = ArmSolver(Person()), AT_REST_RAD[None]
     times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):
@@ -356,4 +360,4 @@ def solution_ms(calls: int = 1000) -> float:
 
 _FORWARD_AXES = from_euler_xyz(-0.5 * np.pi, 0.0, 0.0)
 AT_REST_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
-"""Hanging a little forward and outward, the elbow bent."""
+"""Joint angles of an arm that hangs slightly forwards and outwards, with a bent elbow."""

@@ -15,7 +15,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
 
 WAIST_YAW_SHARE = 0.3
-"""The share of the head's yaw that the waist takes (paper, section III)."""
+"""The waist's share of the head's yaw (paper, section III)."""
 
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
@@ -35,9 +35,7 @@ class BodyPose:
 
 
 def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
-    """Returns the centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world
-    frame.
-    """
+    """Returns the head's centre (3,) of a person who sits upright, or lies with the back on the bed; world frame."""
     pos_w, axes_w = hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
@@ -48,7 +46,7 @@ def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray
 
 
 def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
-    """Returns the dimensions from which a client solves the body as ``BodySolver`` does."""
+    """Returns the body dimensions with which a client computes the same inverse kinematics as ``BodySolver``."""
     frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
     lengths = ArmLengths.from_person(person)
     hips, waist, neck, shoulder = (
@@ -77,14 +75,14 @@ def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
     """Returns angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
 
-    The waist tilts until the head joints lie on the line to their tracked position: with joints in the order x, y, z
-    the torso points along (sin b, −sin a cos b, cos a cos b), so a = −atan2(ψy, ψz) and b = atan2(ψx cos a, ψz), ψ from
-    waist to head joints in the hips' frame (paper, section III, which uses the head's centre). Head and waist share the
-    yaw. The head turns by the rest, so its orientation is exact within the ranges of its own joints, even with the
-    waist at a limit.
+    The waist bends until the head joints are on the line to their tracked position. With joints in the order x, y, z
+    the torso points along (sin b, −sin a cos b, cos a cos b). Let ψ be the vector from waist to head joints in the
+    hips' frame; then a = −atan2(ψy, ψz) and b = atan2(ψx cos a, ψz) (paper, section III, which uses the head's centre).
+    The yaw is divided between waist and head. The head joints perform the rest of the rotation. The head's orientation
+    is therefore exact within the ranges of its joints, even if the waist is at a limit.
 
     The torso is rigid between waist and head joints. The head's position error is therefore the difference between the
-    torso's length and the tracked distance. With this head direction no other angles give a smaller error.
+    torso's length and the tracked distance. No other angles with this head direction have a smaller error.
     """
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height
@@ -124,9 +122,9 @@ class _Aim:
 
 
 class BodySolver:
-    """The inverse kinematics of one person: call ``solve`` with every tracking frame.
+    """The inverse kinematics of one person. Call ``solve`` with every tracking frame.
 
-    The result depends only on the arguments.
+    Stateless: the result depends only on the arguments.
     """
 
     def __init__(self, person: Person, posture: Posture = SEATED) -> None:
@@ -139,9 +137,9 @@ class BodySolver:
     def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_TURN_RAD) -> FloatArray:
         """Returns joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow immediately. Joints of arms turn from ``start_rad`` (20,) by ``turn_rad`` at most, so no
-        single frame makes them jump. The arm of an untracked hand keeps its angles. A second call with the same pose
-        takes less time.
+        Waist and head follow immediately. Joints of arms rotate from ``start_rad`` (20,) by at most ``turn_rad``, so
+        they cannot jump. The arm of an untracked hand keeps its angles. A second call with the same pose takes less
+        time.
         """
         if self._known is None or self._known[0] is not pose:
             self._known = pose, self._aim(pose)
@@ -154,7 +152,7 @@ class BodySolver:
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
-        """The target of a pose; a left hand is treated as the right hand of the mirrored person."""
+        """The target of a pose. A left hand is treated as the right hand of the mirrored person."""
         torso_rad = torso_angles(self.person, pose.head, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {
@@ -178,11 +176,11 @@ class BodySolver:
 
 
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
-"""Signs of a vector's coordinates: a left hand is reflected at the plane x = 0."""
+"""Signs of a vector's coordinates that reflect a left hand at the plane x = 0."""
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_PARTS])
-"""Joints of an arm (7,) that turn the same way in the mirror."""
+"""Mask (7,) of an arm's joints whose angle does not change sign when mirrored."""
 
 RELAXED_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
 )
-"""Arms hanging a little forward and outward, elbows bent."""
+"""Joint angles with arms that hang slightly forwards and outwards, with bent elbows."""

@@ -1,11 +1,11 @@
 """Calibration: a participant's torso height from the headset's height, and arm length from the reach of the wrists.
 
-The torso leans back like the real backrest. Its height, from the hips to the centre of the head, is the head's height
-above the hips over the sine of the back's angle (paper, section III, for an upright back). The hips rest as high above
-the real seat or mattress as the model's above the virtual one.
+The torso leans back like the real backrest. The torso height, from the hips to the centre of the head, is the head's
+height above the hips divided by the sine of the backrest's angle (paper, section III, for an upright back). The hips
+have the same height above the real seat or mattress as the model's hips above the virtual one.
 
-Participants stretch their arms to the front and to the sides. Shoulders move along to the front and not to the sides;
-the mean of both fits the model's arms, whose shoulders are fixed.
+Participants stretch their arms to the front and to the sides. The shoulders move with the arms to the front, but not to
+the sides. The model's shoulders are fixed, and the mean of both distances fits its arms.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,16 @@ from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, torso_angles
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
-    """Returns the torso height in metres from a headset at rest.
+    """Returns the torso height in metres, measured with a headset at rest.
 
     Args:
-        sex: of the model.
-        posture: of the participant.
+        sex: sex of the model.
+        posture: posture of the participant.
         head: the headset's pose above the real floor.
         furniture: the real seat or bed.
 
     Raises:
-        TextError: for a height outside the range of adults, with the allowed range.
+        TextError: for a height outside the range of adults. The message contains the range.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
@@ -82,7 +82,7 @@ def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
     """Returns the scale of a person's arms, from wrist distances to the shoulder in each pose.
 
     Raises:
-        ValueError: for arms outside the range of adults, or a missing pose, with the allowed values.
+        ValueError: for arms outside the range of adults, or a missing pose. The message contains the allowed values.
     """
     most = ArmLengths.from_person(replace(person, arm_scale=1.0))
     fixed_m = PROPORTIONS[person.sex].forearm_radius

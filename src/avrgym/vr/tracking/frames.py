@@ -15,7 +15,7 @@ from avrgym.vr.tracking.freshness import STALE_S, Freshness
 
 CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 3
-"""The smallest number with a meaningful median; a page that renders in software sends few frames."""
+"""Minimum number of frames for a meaningful median. A page that renders in software sends few frames."""
 STEADY_RADIUS_M = 0.03
 MAX_GAZE_PITCH_SINE = 0.85
 """Sine of the steepest pitch at which a headset's yaw is reliable."""
@@ -24,14 +24,14 @@ MAX_GAZE_PITCH_SINE = 0.85
 MAX_GAP_FRAMES = 1000
 """Maximum step of frame numbers: ten seconds of a headset's frames."""
 RESTART_FRAMES = 10
-"""After this many frames in a row that continue only each other, the stream counts as restarted."""
+"""If this number of consecutive frames continue each other but not the stream, the stream has restarted."""
 
 
 class SequenceFilter:
     """Accepts the frames that continue a stream, by their numbers.
 
-    A repeated frame, a late one, or one from far ahead is rejected and does not affect the frames that continue the
-    stream. A client that restarts its numbering is accepted from its tenth frame on.
+    Frames that are repeated, late, or far ahead are rejected and do not affect later frames. If a client restarts its
+    numbering, its frames are accepted from the tenth frame on.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class SequenceFilter:
         self._strays = 0
 
     def accepts(self, number: int) -> bool:
-        """Returns whether the frame with this number continues the stream; call it for every valid frame."""
+        """Returns whether the frame with this number continues the stream. Call it for every valid frame."""
         if self._newest is None or _continues(number, self._newest):
             self._go_on(number)
             return True
@@ -63,8 +63,8 @@ def _continues(number: int, before: int) -> bool:
 class Frame:
     """A tracking frame with its arrival time; ``usable``: it may move the person.
 
-    ``captured_s`` is the capture time by the client's clock, which is never after the arrival and never far before it.
-    Frames that were delayed in the network keep the intervals between them.
+    ``captured_s`` is the capture time, computed from the client's clock. It is never after the arrival and never far
+    before it. Frames that were delayed in the network keep their original intervals.
     """
 
     tracking: Tracking
@@ -74,7 +74,7 @@ class Frame:
 
 
 class TrackingFeed:
-    """The frames of one stay in VR. ``newest`` is the last usable one; ``freshness`` is that of each part's poses."""
+    """The frames of one stay in VR. ``newest`` is the latest usable frame; ``freshness`` monitors each part's poses."""
 
     def __init__(self) -> None:
         self.newest: Frame | None = None
@@ -100,14 +100,14 @@ class TrackingFeed:
         return arrived
 
     def is_stale(self, now_s: float) -> bool:
-        """Returns whether usable frames have arrived, but none for ``STALE_S``."""
+        """Returns whether the newest usable frame is older than ``STALE_S``; false before the first frame."""
         return self.newest is not None and now_s - self.newest.received_s > STALE_S
 
     def steady_head(self, now_s: float) -> XRPose:
-        """Returns the headset's pose at rest: of the last half second, the pose with the median height.
+        """Returns the headset's pose at rest: the pose with the median height in the last half second.
 
         Raises:
-            TextError: if there are too few poses, or they move too much or look too steeply.
+            TextError: if there are too few poses, or the headset moved too much or looked too steeply up or down.
         """
         self._forget(now_s - CALIBRATION_S)
         heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
@@ -143,7 +143,7 @@ class TrackingFeed:
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
-    """Returns the poses of head and hands in the world of a usable frame; tracked hands are given by their wrists."""
+    """Returns the poses of head and hands of a usable frame in the world frame. Tracked hands have wrist poses."""
     assert frame.head is not None
 
     def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:

@@ -1,7 +1,7 @@
-"""Detects untracked parts of the body: missing and repeated poses are no measurements.
+"""Detects untracked parts of the body: missing and repeated poses are not measurements.
 
-Sensor noise changes every pose. A device repeats a pose bit by bit when it has lost the part or sleeps. A mouse has no
-noise, so its repeated poses count.
+Sensor noise changes every pose. If a device has lost the part or sleeps, its poses are bit-identical. A mouse has no
+noise, so its repeated poses count as measurements.
 """
 
 from math import inf
@@ -37,7 +37,7 @@ class Freshness:
         return now_s - self._measured_s.get(part, -inf)
 
     def stale(self, now_s: float) -> tuple[Part, ...]:
-        """Returns the parts without a measurement for ``STALE_S``; none before the first frame."""
+        """Returns the parts without a measurement for ``STALE_S``; empty before the first frame."""
         return tuple(part for part in PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
 
 

@@ -1,7 +1,7 @@
 """Filters jumps of tracked poses: the body does not follow a head or hand that moves impossibly fast.
 
-The limb keeps its pose until tracking has been without a jump for a while, then it moves slowly to the tracked pose.
-The same applies to a limb that was untracked, or with a repeated pose, and appears elsewhere.
+The limb keeps its pose until tracking has had no jump for some time. It then moves slowly to the tracked pose. The same
+applies to a limb that was untracked or had a repeated pose, and is then tracked at another position.
 """
 
 from math import acos, dist, hypot
@@ -17,13 +17,13 @@ MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 VALID_AFTER_S = 0.1
 """A pose is valid again after this time without a jump."""
 LOST_AFTER_S = 0.2
-"""After this time without tracking, a limb may be anywhere."""
+"""After this time without tracking, a limb may have moved to any position."""
 RETURN_SPEED_FRACTION = 0.025
-"""The share of the maximum speeds at which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
+"""Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
 def min_duration_s(one: XRPose, other: XRPose) -> float:
-    """Returns the time from one pose to another at the maximum speeds."""
+    """Returns the minimum time between two poses, at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
@@ -31,7 +31,7 @@ def min_duration_s(one: XRPose, other: XRPose) -> float:
 
 
 def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """Returns the pose between two at a fraction of the distance."""
+    """Interpolates between two poses; ``share`` is 0 to 1."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )
@@ -43,7 +43,7 @@ def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class Limb:
-    """A head or a hand as the body follows it. ``deviates``: it is not, or not yet, at its tracked pose."""
+    """The filtered pose of a head or hand. ``deviates``: it differs from the tracked pose."""
 
     def __init__(self) -> None:
         self.deviates = False
@@ -52,9 +52,9 @@ class Limb:
         self._captured_s = self._measured_s = self._valid_from_s = 0.0
 
     def update(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
-        """Take the pose of a new frame, with a capture time that is never after the present.
+        """Add the pose of a new frame. Its capture time is never after ``now_s``.
 
-        An identical pose is no new measurement, unless it ``may_repeat``.
+        An identical pose is a new measurement only with ``may_repeat``.
         """
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
@@ -67,7 +67,7 @@ class Limb:
         self._measured_s = captured_s if measured else self._measured_s
 
     def follow(self, now_s: float) -> XRPose:
-        """Returns the body's pose for this tick; there must have been a frame."""
+        """Returns the body's pose for this tick. Call it only after the first frame."""
         assert self._tracked is not None
         if self._followed is None or not self.deviates:
             self._followed = self._tracked
@@ -96,13 +96,13 @@ class Limbs:
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
     def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
-        """Take a new frame; see ``Limb``."""
+        """Add a new frame, see ``Limb.update``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = moves_by_mouse(tracking, part)
             self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:
-        """Returns the newest frame with the body's poses for this tick."""
+        """Returns the newest frame, with its poses replaced by the body's poses for this tick."""
         followed = {part: self._limbs[part].follow(now_s) for part in _tracked(tracking)}
         return msgspec.structs.replace(tracking, **followed)
 

@@ -1,7 +1,8 @@
 """Detects a participant who slides on the seat; seat and room then follow.
 
-The simulated hips are fixed, and the torso only bends. After sliding, the tracked head is farther from the hips than
-the torso is long, and the simulated head cannot reach it. Leaning leaves the head within the torso's reach.
+The simulated hips are fixed, and the torso only bends. After sliding, the distance from the hips to the tracked head
+exceeds the torso's length, and the simulated head cannot reach it. If the participant only leans, the head remains
+within the torso's reach.
 """
 
 from collections import deque
@@ -21,17 +22,17 @@ SAMPLES_PER_SECOND = 11
 """Number of samples in one second."""
 STEADY_RADIUS_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
-"""A resting head farther than this from its solved position has slid."""
+"""If a resting head is farther than this from its solved position, the participant has slid."""
 MAX_DISTANCE_M = 0.6
 MAX_SHIFT_M = 0.1
-"""A participant farther away, or higher above the rest position, has left the seat."""
+"""A participant who is farther than this from the rest position, or higher above it, has left the seat."""
 GLIDE_SPEED_M_S = 0.05
-"""Speed of the room, slow because everything visible moves."""
+"""Speed of the room. It is low because everything visible moves."""
 
 
 @dataclass(frozen=True)
 class Glide:
-    """An even motion of the participant's floor in the world: shift (3,) and duration."""
+    """A motion of the participant's floor in the world at constant speed: shift (3,) and duration."""
 
     shift_w: FloatArray
     seconds: float
@@ -50,7 +51,10 @@ class SlidingMonitor:
         self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
 
     def update(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
-        """Returns the motion of the room for a tracked head and solved angles (20,), or ``None``."""
+        """Returns the motion of the room if the participant has slid, otherwise ``None``.
+
+        Arguments are the tracked head pose and the solved joint angles (20,).
+        """
         self._seen.append(head.pos_w)
         if (
             len(self._seen) < SAMPLES_PER_SECOND
@@ -74,7 +78,7 @@ class SlidingMonitor:
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
 
     def _glide(self, head: Pose) -> Glide | None:
-        """The shortest shift straight back over the floor that brings the head joints within the torso's length."""
+        """The shortest horizontal shift that brings the head joints within the torso's length."""
         away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
         distance_m = float(np.linalg.norm(away))
         if distance_m <= SLIDING_THRESHOLD_M:

@@ -1,8 +1,9 @@
 """Smooth switches between tracking devices of a hand: controller and bare hand.
 
-Two devices estimate the same hand some centimetres and tens of degrees apart. A resting hand must not move at a switch.
-Every hand is therefore followed as a grip pose, and after a switch the new device's poses are corrected by the
-difference of the two estimates. The correction fades while the hand moves, too slowly to be noticed.
+The estimates of two devices for the same hand differ by some centimetres and tens of degrees. A resting hand must not
+move at a switch. The pose of every hand is therefore converted to a grip pose. After a switch, the new device's poses
+are corrected by the difference of both estimates. While the hand moves, the correction decreases, too slowly to be
+noticed.
 
 ``client/src/tracking/modality-switch.ts`` implements the same rule for the arms that the client draws.
 """
@@ -22,48 +23,48 @@ from avrgym.vr.protocol.webxr import grip_from_wrist
 Side = Literal["left", "right"]
 
 MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
-"""Larger differences between two devices are not of the same resting hand."""
+"""Maximum difference between two devices that track the same resting hand."""
 MAX_SWITCH_GAP_S = 2.0
-"""Up to this time after the old device's last pose, the hand may still rest in its place."""
+"""Maximum time after the old device's last pose for which a resting hand is assumed not to have moved."""
 REST_RADIUS_M = 0.02
 """A hand that moves less than this is at rest."""
 FADING_PER_METRE = 0.1
-"""Metres of correction that fade for each metre of the hand's motion."""
+"""Reduction of the correction in metres per metre of the hand's motion."""
 METRES_PER_RADIAN = 0.15
 """Weight of a rotation relative to a translation."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """The transform from the present device's grip to the grip to follow: position (3,), rotation vector (3,)."""
+    """The transform from the present device's grip to the corrected grip: position (3,), rotation vector (3,)."""
 
     pos: FloatArray
     turn_rad: FloatArray
 
     @property
     def size_m(self) -> float:
-        """Its size, rotation included."""
+        """The size of the correction in metres, including its rotation."""
         return max(float(np.linalg.norm(self.pos)), METRES_PER_RADIAN * self.angle_rad)
 
     @property
     def angle_rad(self) -> float:
-        """Its rotation angle."""
+        """The rotation angle of the correction."""
         return float(np.linalg.norm(self.turn_rad))
 
     @property
     def is_plausible(self) -> bool:
-        """Whether two devices that track the same hand can differ by this."""
+        """Whether two devices that track the same hand can have this difference."""
         return (
             float(np.linalg.norm(self.pos)) <= MAX_DEVICE_OFFSET_M and self.angle_rad <= MAX_DEVICE_OFFSET_RAD
         )
 
     def after(self, way_m: float) -> "Correction | None":
-        """Returns the residual correction after the hand has moved this far."""
+        """Returns the remaining correction after the hand has moved by ``way_m``."""
         left = 1.0 - FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
 
     def of(self, grip: XRPose) -> XRPose:
-        """Returns the grip to follow."""
+        """Apply the correction to a grip."""
         pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
         angle_rad = self.angle_rad
         axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
@@ -93,7 +94,7 @@ class Hand:
         self._rested = np.zeros(3)
 
     def grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
-        """Returns the grip to follow for a new pose; without a switch, a controller's pose does not change."""
+        """Returns the corrected grip for a new pose. Without a switch, a controller's pose does not change."""
         grip = grip_from_wrist(pose, self._side) if modality == "hand" else pose
         if modality != self._modality and self._followed is not None:
             self._switch(grip, self._followed, captured_s - self._seen_s)
@@ -121,7 +122,7 @@ class Hands:
         self._left, self._right = Hand("left"), Hand("right")
 
     def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
-        """Returns the frame, with its hand poses replaced by the grips to follow."""
+        """Returns the frame, with its hand poses replaced by the corrected grips."""
         return msgspec.structs.replace(
             tracking,
             left=_grip(self._left, tracking.left, tracking.left_modality, captured_s),
@@ -136,7 +137,7 @@ def _grip(hand: Hand, pose: XRPose | None, modality: Modality, captured_s: float
 
 
 def _held(modality: Modality) -> Modality:
-    """The tracking device of a hand that is followed as a grip."""
+    """The modality of a hand whose pose has been converted to a grip."""
     return "controller" if modality == "hand" else modality
 
 

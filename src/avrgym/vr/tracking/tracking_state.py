@@ -1,4 +1,4 @@
-"""The tracking of one stay in VR: frames, the place of the participant's floor, and the pose that the body follows."""
+"""The tracking of one stay in VR: frames, the pose of the participant's floor, and the target pose of the body."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -21,12 +21,12 @@ from avrgym.vr.tracking.switches import Hands
 
 @dataclass(frozen=True)
 class TrackingUpdate:
-    """One tick of tracking: frames that arrived, the newest frame, and changes.
+    """Tracking in one tick: frames that arrived, the newest frame, and changes.
 
-    ``newest`` is ``None`` without a fresh usable frame, and ``silent`` is true then. ``deviating`` are the parts of the
-    body that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses, ``lost`` those of
-    them that the task needs. ``deviating_before`` and ``lost_before`` are of the previous tick. ``pose`` is the pose to
-    follow, if there is one.
+    ``newest`` is ``None`` if no usable frame is fresh; ``silent`` is then true. ``deviating`` are the parts of the body
+    that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses; ``lost`` are the parts
+    among them that the task needs. ``deviating_before`` and ``lost_before`` are the values of the previous tick.
+    ``pose`` is the target pose of the body, if any.
     """
 
     arrived: Sequence[Frame]
@@ -41,10 +41,10 @@ class TrackingUpdate:
 
 
 class TrackingState:
-    """``registration`` is the place of the participant's floor in the world, once it is known.
+    """The tracking of one stay in VR. ``registration`` is the pose of the participant's floor in the world, if known.
 
-    Of the latest tick: ``untracked`` are the parts of the body with stale poses, ``lost`` those of them that the task
-    needs.
+    In the latest tick, ``untracked`` are the parts of the body with stale poses, and ``lost`` the parts among them that
+    the task needs.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class TrackingState:
         return self._feed.add(tracking, now_s)
 
     def take_arrived(self) -> list[Frame]:
-        """Returns the frames that no tick has followed yet."""
+        """Returns the frames that arrived since the last tick."""
         return self._feed.take_arrived()
 
     def age_s(self, now_s: float) -> float | None:
@@ -81,7 +81,7 @@ class TrackingState:
 
     @property
     def followed(self) -> int:
-        """The number of the newest tracking frame that moved the body, −1 before the first."""
+        """The number of the newest tracking frame that moved the body; −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
@@ -114,7 +114,7 @@ class TrackingState:
             self._pose = self._glide = None
 
     def reset_place(self) -> None:
-        """Forget the participant's place; the next usable frame determines it."""
+        """Delete the participant's place. The next usable frame determines it."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
     def steady_head(self, now_s: float) -> XRPose:
@@ -122,7 +122,8 @@ class TrackingState:
         return self._feed.steady_head(now_s)
 
     def follow(self, needed: Collection[Part], now_s: float) -> TrackingUpdate:
-        """Follow the newest frame, unless it is stale; ``needed`` are the parts of the body that the task needs."""
+        """Compute the body's target pose from the newest frame, if it is fresh. ``needed``: parts that the task
+        needs."""
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, deviating_before, lost_before = self._feed.take_arrived(), self._limbs.deviating, self.lost
         self.untracked = self._feed.freshness.stale(now_s)
@@ -147,16 +148,16 @@ class TrackingState:
 
     @property
     def placed(self) -> messages.Placed | None:
-        """The new place of the world in the participant's room, while it moves."""
+        """The present place of the world in the participant's room while it moves, otherwise ``None``."""
         if self._glide is None or self.registration is None:
             return None
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
         return messages.Placed(there.xr_from_world(), self._glide.seconds)
 
     def follow_seat(self, joint_angles_rad: FloatArray) -> Glide | None:
-        """Move the seat after a participant who has slid, by one tick's share; call it once a tick after ``follow``.
+        """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``follow``.
 
-        ``joint_angles_rad`` (20,) are the body's targets. Returns the motion when it starts.
+        ``joint_angles_rad`` (20,) are the body's targets. Returns the motion in the tick in which it starts.
         """
         if self._glide is not None:
             self._go_on(self._glide)
@@ -193,7 +194,7 @@ class TrackingState:
         self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
     def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
-        """The pose that the body follows; arms continue towards their targets without a new frame."""
+        """The target pose of the body. Without a new frame, arms continue towards their targets."""
         if newest is not self._followed:
             self._followed = newest
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)

@@ -1,8 +1,8 @@
 """The phases of a session: texts, reactions to messages and ticks, and transitions.
 
-Each method returns the phase that follows. Methods of ``Phase`` stay in the phase; a transition overrides a method, and
-its annotation lists the phases that may follow. Transitions that no annotation lists are impossible. The phases form
-cycles, so their modules import each other through this one.
+Each method returns the next phase. Methods of the base class ``Phase`` stay in the phase. A phase with a transition
+overrides a method, and the annotation of the method lists the possible next phases. Other transitions are impossible.
+The phases form cycles, so their modules import each other through this module.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
@@ -44,7 +44,7 @@ TrialStart = (
 )
 """Phases that may follow when a trial is to start."""
 SessionEnd = Finished | RecordingFailed
-"""Phases that may follow after the last trial, when an answered trial is completed first."""
+"""Phases that may follow at the end of a session, if an answered trial must be completed first."""
 AfterRobot = TrialStart | Finished | Questionnaire
 """Phases that may follow when the robot has finished, in VR or not."""
 AfterEntering = CheckStart | Calibration | LoadCalibration | SessionEnd

@@ -18,7 +18,7 @@ from avrgym.vr.session.state import SessionState
 
 YES_ANSWER = 1
 MAX_FAULTS_SHOWN = 2
-"""More would be too small to read; events, database and terminal contain all."""
+"""Maximum number of faults that the participant sees. Events, database and terminal contain all faults."""
 HAPTICS_ITEM = Item(
     "haptics",
     "Do you feel a buzz in your hands, every second?",
@@ -35,7 +35,7 @@ SIGNAL_DURATION_S = 0.5
 
 
 class HeadsetCheckPhase(InVR):
-    """Base of phases of the headset check; the experimenter may skip it."""
+    """Base class of the phases of the headset check. The experimenter can skip the check."""
 
     moves = True
 
@@ -44,7 +44,7 @@ class HeadsetCheckPhase(InVR):
         self._measurement = measurement
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """The place is that of a trial, so that frames are drawn as in a trial."""
+        """Add a tracking frame. The participant's place is determined as in a trial, to render frames as in a trial."""
         self.state.take_placing_tracking(tracking)
 
     @property
@@ -67,7 +67,7 @@ class HeadsetCheckPhase(InVR):
 
 
 class CheckStart(HeadsetCheckPhase):
-    """The participant gets ready; the trigger starts the check and is tested by it."""
+    """The participant prepares. The trigger starts the check, which also tests the trigger."""
 
     name = "headset"
     message = Text("headset_check")
@@ -84,7 +84,7 @@ class CheckStart(HeadsetCheckPhase):
 
 
 class TimedMeasurement(HeadsetCheckPhase, ABC):
-    """Base of phases that measure for some time."""
+    """Base class of phases that measure for a limited time."""
 
     name = "headset_check"
     at_rest = stretching = False
@@ -103,7 +103,7 @@ class TimedMeasurement(HeadsetCheckPhase, ABC):
 
     @abstractmethod
     def on_timeout(self) -> CheckStretched | CheckMoving | CheckStop:
-        """The next measurement."""
+        """Continue with the next measurement."""
 
 
 class CheckAtRest(TimedMeasurement):
@@ -117,7 +117,7 @@ class CheckAtRest(TimedMeasurement):
         self.seconds = self._durations.at_rest_s
 
     def on_timeout(self) -> CheckStretched | CheckMoving:
-        """Without a headset there are no arms to stretch."""
+        """Continue. Without a headset, the measurement with stretched arms is omitted."""
         with_mouse = "mouse" in self.state.tracking.modalities
         return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
 
@@ -164,7 +164,7 @@ class CheckStop(HeadsetCheckPhase):
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> CheckSenses | CheckResult | Self:
-        """Take the participant's test stop and continue; the experimenter cannot test it for them."""
+        """Store the participant's test stop and continue. The experimenter cannot perform it instead."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
         self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)

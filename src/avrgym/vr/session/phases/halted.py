@@ -1,4 +1,4 @@
-"""The phases without a time limit or a moving robot."""
+"""The phases without a time limit in which the robot does not move."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from avrgym.vr.session.state import SessionState
 
 
 class Paused(BetweenTrials):
-    """The robot stands still until the participant presses the trigger, or the experimenter continues."""
+    """The robot does not move until the participant presses the trigger, or the experimenter continues."""
 
     name = "paused"
 
@@ -43,7 +43,7 @@ class RecordingFailed(Paused):
 
 
 class Finished(Phase):
-    """The session is over; no phase follows."""
+    """The session is over. This is the last phase."""
 
     name = "finished"
 
@@ -55,7 +55,7 @@ class Finished(Phase):
         self.state.drivers.close()
 
     def interrupt(self, interruption: Interruption) -> Self:
-        """The participant takes off the headset."""
+        """Do nothing: the participant takes off the headset."""
         return self
 
     def pause(self) -> Self:

@@ -1,6 +1,6 @@
 """Base classes of phases that share transitions."""
 
-# After the robot has finished, the same messages lead to other phases than before.
+# After the robot has finished, some messages lead to other phases than before.
 # pyright: reportIncompatibleMethodOverride=false
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from avrgym.vr.session.questions import Questions
 
 
 class Ongoing(Phase):
-    """Base of all phases but the last."""
+    """Base class of all phases except the last."""
 
     def enter_vr(self) -> phases.AfterEntering:
         state = self.state
@@ -73,7 +73,8 @@ class Ongoing(Phase):
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.TrialStart:
-        """Start the next attempt if its world is made and the participant is ready and tracked, without a pause."""
+        """Start the next attempt if its world is built, the participant is ready and tracked, and the session is not
+        paused."""
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
@@ -98,7 +99,7 @@ class Ongoing(Phase):
         return phases.FreeMovementBefore(state)
 
     def _complete_trial(self) -> phases.TrialStart | phases.Finished:
-        """End the attempt as completed, unless it cannot be stored, and continue."""
+        """End the attempt as completed and continue. If it cannot be stored, the next phase reports this."""
         state = self.state
         recording_failure = state.end_attempt("completed")
         stored = state.sink.all_stored()
@@ -119,7 +120,7 @@ class InVR(Ongoing):
 
 
 class InPlace(InVR):
-    """The participant is in place, so a trial can start."""
+    """The participant's place is known, so a trial can start."""
 
     in_place = True
 
@@ -145,7 +146,7 @@ class InPlace(InVR):
 
 
 class RobotFinished(InPlace):
-    """The robot has finished: the trial counts in any case. A returning participant answers the open questions."""
+    """The robot has finished, so the trial counts. A participant who returns answers the open questions."""
 
     robot_finished = True
 
@@ -203,7 +204,7 @@ class RobotFinished(InPlace):
         return [item.id for item in self.state.plan.items_after(self.state.current)]
 
     def _continue_without_participant(self, why: Text) -> phases.AfterRobot:
-        """Close the recording. After a return, the participant answers first and is then calibrated again."""
+        """Close the recording. A participant who returns first answers the open questions, then is calibrated again."""
         self.state.away = why
         failure = self.state.complete_attempt()
         if failure is not None:
@@ -218,7 +219,7 @@ class RobotFinished(InPlace):
 
 
 class BetweenTrials(InPlace):
-    """No trial runs; the participant may start one or change their body."""
+    """No trial runs. The participant may start a trial or change their body."""
 
     awaits_ready = can_recalibrate = can_choose_body = True
 
@@ -239,7 +240,7 @@ class BetweenTrials(InPlace):
 
 
 class Stoppable(InPlace):
-    """A trial runs in which the robot moves or is about to move."""
+    """A trial runs, and the robot moves or is about to move."""
 
     moves = can_be_stopped = True
 
@@ -263,7 +264,7 @@ class Stoppable(InPlace):
     def _interrupt_attempt(
         self, result: AttemptEnd, event: events.SessionEvent, message: Text
     ) -> phases.Paused:
-        """Stop the robot and end the attempt; the participant's trigger repeats the trial."""
+        """Stop the robot and end the attempt. The participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.report(event)
         self.state.worlds.prepare(self.state.trial, self.state.person)

@@ -1,4 +1,4 @@
-"""The base class of phases, with the reactions that lead to no other phase."""
+"""The base class of phases, with the reactions that do not change the phase."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """A phase. The participant reads ``message``; the phase ends after ``seconds``, if they are given.
+    """A phase. The participant reads ``message``. If ``seconds`` is set, the phase ends after this time.
 
-    ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
-    stop holds it. ``robot_finished``: the robot has finished, and the trial counts. ``in_place``: the participant is in
-    place, so a trial can start. ``awaits_ready``: a trigger continues. ``can_recalibrate``: the participant may be
-    calibrated again. ``can_choose_body``: no trial runs that another body would interrupt.
+    ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
+    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial counts. ``in_place``: the
+    participant's place is known, so a trial can start. ``awaits_ready``: the trigger continues. ``can_recalibrate``:
+    the participant may be calibrated again. ``can_choose_body``: the body can be changed, because no trial runs.
     """
 
     name: ClassVar[PhaseName]
@@ -80,7 +80,7 @@ class Phase:
         return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
-        """The participant reports that body or seat do not fit."""
+        """The participant reports that body or seat does not fit."""
         return self._refuse("measured_between_trials")
 
     def answer(self, answer: messages.Answer) -> Phase:
@@ -107,8 +107,8 @@ class Phase:
     # Commands of the experimenter ----------------------------------------------------------------------------------
 
     def pause(self) -> Phase:
-        """Let no trial start before ``resume``. A trial in which the robot moves or is about to move ends, and is
-        repeated later.
+        """Prevent trials until ``resume``. If the robot moves or is about to move, the trial ends and is repeated
+        later.
         """
         if not self.state.on_hold:
             self.state.on_hold = True
@@ -116,7 +116,7 @@ class Phase:
         return self
 
     def resume(self) -> Phase:
-        """Let trials start again."""
+        """Allow trials again."""
         if not self.state.on_hold:
             return self._report("the session is not paused")
         self.state.on_hold, self.state.pause_reason = False, ""
@@ -136,12 +136,12 @@ class Phase:
         return self._refuse_out_of_place()
 
     def correct_torso_height(self, torso_height_m: float) -> Phase:
-        """Set the torso height of the participant's body; a running trial is interrupted."""
+        """Set the torso height of the participant's body. This interrupts a running trial."""
         self.state.correct_torso_height(torso_height_m)
         return self
 
     def drive(self, wish: messages.Drive) -> None:
-        """Move the robot's hand, if an operator drives."""
+        """Move the robot's hand, if the driver is an operator."""
 
     def end(self) -> Phase:
         """End the session."""
@@ -154,14 +154,15 @@ class Phase:
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
-        """The participant cannot act, or time was lost. If the robot has finished, the attempt continues."""
+        """The participant cannot act, or the process was suspended. If the robot has finished, the attempt
+        continues."""
         self.state.record_event(interruption.name, interruption.why)
         self.state.sink.report(interruption.event)
         return self._report(interruption.why)
 
     @property
     def driver(self) -> Driver | None:
-        """The driver of the robot."""
+        """The driver of the robot; ``None`` if the robot does not move in this phase."""
         return None
 
     def finish_step(self, step: ControlStep) -> Phase:
@@ -169,26 +170,26 @@ class Phase:
         return self
 
     def fail(self, error: Exception) -> Phase:
-        """An event or attempt cannot be stored."""
+        """Called if an event or attempt cannot be stored."""
         self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
-        """A trial's completion is stored."""
+        """Called when a trial's completion is stored."""
         return self
 
     def wait(self) -> Phase:
-        """Check for the event that the phase waits for."""
+        """Check whether the event has occurred for which the phase waits."""
         return self
 
     def on_timeout(self) -> Phase:
-        """The phase's ``seconds`` are over."""
+        """Called when the phase's ``seconds`` are over."""
         return self
 
     # -------------------------------------------------------------------------------------------------------------
 
     def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
-        """Refuse a request with the text ``key``."""
+        """Reject a request, and show the text ``key``."""
         if by == "participant":
             self.state.explain(Text(key))
         else:
@@ -196,7 +197,7 @@ class Phase:
         return self
 
     def _report(self, why: str) -> Self:
-        """Report to the experimenter why a request is refused."""
+        """Report to the experimenter why a request is rejected."""
         self.state.report(why)
         return self
 

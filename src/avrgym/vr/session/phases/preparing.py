@@ -19,7 +19,7 @@ from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = Text("waiting")
 REACH_S, REACH_FRAMES = 5.0, 60
-"""Duration of each pose, and the number of its last frames that count."""
+"""Duration of each pose, and number of its last frames that are used."""
 
 
 class Waiting(Ongoing):
@@ -38,7 +38,7 @@ class Waiting(Ongoing):
 
 
 class Calibration(InVR):
-    """The participant rests in the seat or bed and presses the trigger: their torso height is measured."""
+    """The participant rests in the seat or bed and presses the trigger. This measures their torso height."""
 
     name = "calibration"
     awaits_ready = can_choose_body = True
@@ -81,7 +81,7 @@ class Calibration(InVR):
 
 
 class ReachMeasurement(InVR, ABC):
-    """The participant stretches the arms to measure their length; the trigger skips that."""
+    """The participant stretches the arms to measure their length. The trigger skips the measurement."""
 
     name = "reach"
     seconds = REACH_S
@@ -92,7 +92,7 @@ class ReachMeasurement(InVR, ABC):
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a frame; the last ones count."""
+        """Add a frame. Only the last frames are used."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:
@@ -108,7 +108,7 @@ class ReachMeasurement(InVR, ABC):
 
     @property
     def _all_m(self) -> tuple[float, ...]:
-        """The distances of all poses so far; empty if this pose was not tracked."""
+        """The distances of all poses until now; empty if this pose was not tracked."""
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
@@ -143,7 +143,7 @@ class ReachSideways(ReachMeasurement):
 
 
 class Loading(InVR, ABC):
-    """The current trial's world is being made and shown."""
+    """The current trial's world is being built and shown."""
 
     name = "loading"
     message = Text("loading")
@@ -152,7 +152,7 @@ class Loading(InVR, ABC):
         self.state.worlds.prepare(self.state.trial, self.state.person)
 
     def wait(self) -> phases.AfterLoading | Self:
-        """Show the prepared world; continue when the client shows it."""
+        """Show the prepared world. Continue when the client shows it."""
         state = self.state
         if not state.worlds.is_fresh(state.trial, state.person):
             state.worlds.prepare(state.trial, state.person)
@@ -163,7 +163,7 @@ class Loading(InVR, ABC):
             except NoClearanceError as error:
                 state.report(f"the robot has no room to begin: {error}")
                 return phases.Paused(state, Text("no_room"))
-            except Exception as error:  # whatever a compiler or a file may raise
+            except Exception as error:  # the compiler and files may raise any exception
                 state.report(f"the scene cannot be made: {error}")
                 return phases.Paused(state, Text("scene_failed"))
         state.send_changed_scene()
@@ -171,7 +171,7 @@ class Loading(InVR, ABC):
 
     @abstractmethod
     def loaded(self) -> phases.AfterLoading:
-        """The phase that follows when the client shows the scene."""
+        """Returns the next phase when the client shows the scene."""
 
 
 class LoadTrial(Loading):
@@ -213,7 +213,7 @@ class Check(BetweenTrials):
 
 
 class ConfirmReady(BetweenTrials):
-    """The trial is shown, and starts when the participant is ready."""
+    """The trial's scene is shown. The trial starts when the participant is ready."""
 
     name = "ready"
 

@@ -32,7 +32,7 @@ class FreeMovementBefore(Stoppable):
 
 
 class Countdown(Stoppable):
-    """The robot is about to start; it waits while the participant is untracked."""
+    """The robot is about to start. The countdown waits while the participant is untracked."""
 
     name = "countdown"
     message = Text("countdown")
@@ -77,7 +77,7 @@ class Trial(Stoppable):
 
 
 class Retreat(RobotFinished):
-    """The robot moves its tool away from the person; the trial's results are stored in any case."""
+    """The robot moves its tool away from the person. The trial's results are already complete."""
 
     name = "retreat"
     message = Text("retreat")
@@ -109,7 +109,7 @@ class Retreat(RobotFinished):
 
 
 class FreeMovementAfter(RobotFinished):
-    """The participant moves freely after the robot has finished. The next world is made."""
+    """The participant moves freely after the robot has finished. The next world is built."""
 
     name = "free_after"
     message = Text("free_after")
@@ -147,7 +147,7 @@ class Questionnaire(RobotFinished):
         return self._questions.question()
 
     def answer(self, answer: messages.Answer) -> Confirm | Self:
-        """Take the answer to the current question; after the last one the participant confirms all answers."""
+        """Store the answer to the current question. After the last question the participant confirms all answers."""
         storage, now_s = self.state.storage, self.state.now_s
         assert storage.questionnaire_attempt is not None
         earlier = self._questions.earlier
@@ -190,7 +190,7 @@ class Questionnaire(RobotFinished):
 
 
 class Confirm(RobotFinished):
-    """Every question is answered; the participant confirms the answers, or goes back to change some."""
+    """Every question is answered. The participant confirms the answers, or goes back to change some."""
 
     name = "confirm"
     message = Text("confirm")
