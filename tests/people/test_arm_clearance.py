@@ -114,7 +114,7 @@ def test_furniture_counts_where_it_is_closer_than_the_body():
     above = segments[0, forearm].mean(axis=0)
     above[2] += 0.10 + radii[0, forearm]
     far = np.array([5.0, 5.0, 5.0])
-    turn = transforms.from_axis_angle(human.Z, np.asarray(0.7))
+    turn = transforms.from_axis_angle(human.Z_AXIS, np.asarray(0.7))
     boxes = Boxes(np.stack([above, far]), np.stack([turn, turn]), np.array([[0.01, 0.01, 0.05], [0.1] * 3]))
     assert clearance(segments, radii)[0] > 0.06
     assert clearance(segments, radii, boxes)[0] == pytest.approx(0.05, abs=1e-9)

@@ -170,7 +170,7 @@ def test_the_head_keeps_its_direction_where_the_waist_cannot_follow(posture: Pos
     rest = resting(WOMAN, posture)
     for sideways_m in (-0.35, 0.35):
         for yaw in (-0.5, 0.0, 0.5):
-            turned = transforms.multiply(rest.q_w, transforms.from_axis_angle(human.Z, np.asarray(yaw)))
+            turned = transforms.multiply(rest.q_w, transforms.from_axis_angle(human.Z_AXIS, np.asarray(yaw)))
             head = Pose(rest.pos_w + np.array([sideways_m, 0.0, -0.05]), turned)
             angles = BodySolver(WOMAN, posture).solve(BodyPose(head, None, None), SEATED_RAD)
             assert angles[1] == pytest.approx(np.sign(sideways_m) * np.radians(30.0))
@@ -206,7 +206,7 @@ def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.rand
 
 def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
     person = Person("woman", 0.54)
-    yaw = transforms.from_axis_angle(human.Z, np.asarray(0.5))
+    yaw = transforms.from_axis_angle(human.Z_AXIS, np.asarray(0.5))
     angles = torso_angles(person, Pose(resting_head_centre(person, SEATED), yaw), SEATED)
     np.testing.assert_allclose(angles[[2, 5]], [0.15, 0.35], atol=1e-9)
 

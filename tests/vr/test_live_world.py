@@ -76,7 +76,7 @@ def test_a_lost_hand_keeps_its_pose() -> None:
 
 def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     world = LiveWorld("avrgym/FeedingJaco-v1", Person())
-    driver = make_driver(replace(constant_policy(world.environment), action_std=0.1), background=False)
+    driver = make_driver(replace(constant_policy(world.environment_id), action_std=0.1), background=False)
 
     def actions(seed: int) -> list[np.ndarray]:
         world.reset(seed)

@@ -174,7 +174,7 @@ def attended(server: LiveServer[Session]) -> Iterator[None]:
             if session.phase in ("calibration", "check") and time.monotonic() - began_s > 1.0:
                 post(Ready())
 
-    participant.adopt_posture(session.world.environment)
+    participant.adopt_posture(session.world.environment_id)
     thread = threading.Thread(target=attend)
     thread.start()
     try:

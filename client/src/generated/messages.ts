@@ -381,8 +381,8 @@ export interface Problem {
 
 /** Haptic and acoustic feedback of one control step.
  *
- * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the number of bites or
- * drops in the mouth, wiped markers, or scratches. */
+ * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the
+ * number of bites or drops in the mouth, wiped markers, or scratches. */
 export interface Feedback {
   type: "feedback";
   left_touched: boolean;

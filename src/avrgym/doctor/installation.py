@@ -10,7 +10,7 @@ from packaging.specifiers import SpecifierSet
 from avrgym.doctor.finding import Finding, error, ok, warning
 from avrgym.policies.registry import skipped_plugins
 from avrgym.system.extras import DEVELOPER_EXTRAS
-from avrgym.vr.server.web_server import INSTALL_PAGES, PAGES, ServerError, check_page
+from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, PAGES, ServerError, check_page
 
 SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
 """Packages with printed versions, for bug reports."""
@@ -80,7 +80,7 @@ def check_client() -> Finding:
         for page in PAGES:
             check_page(page)
     except ServerError:
-        return error("the browser client is missing", INSTALL_PAGES)
+        return error("the browser client is missing", CLIENT_INSTALL_HINT)
     return ok("the pages of participant, experimenter and replay are installed")
 
 

@@ -11,7 +11,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
-from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
+from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, Z_AXIS, People, Posture
 from avrgym.models.robot import Furniture
 
 
@@ -67,7 +67,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
     segments: list[FloatArray] = []
     for name, geom in GEOMS.items():
         reach = layout.geom_size[name][:, 1:2] * constant_like(
-            np.array(geom.axis or Z), people.torso_height_m
+            np.array(geom.axis or Z_AXIS), people.torso_height_m
         )
         ends = layout.geom_pos[name][:, None] + xp.stack([-reach, reach], axis=1)
         segments.append(pos_w[geom.body][:, None] + transforms.rotate(q_w[geom.body][:, None], ends))

@@ -50,14 +50,14 @@ class Geoms:
 class Conflict:
     """Two bodies that are too close: their names, their gap (negative if they overlap), and the minimum clearance."""
 
-    first: str
-    second: str
+    body1: str
+    body2: str
     gap_m: float
     clearance_m: float
 
     def __str__(self) -> str:
         where = f"{100.0 * abs(self.gap_m):.1f} cm {'inside' if self.gap_m < 0.0 else 'from'}"
-        return f"{self.first} is {where} {self.second}"
+        return f"{self.body1} is {where} {self.body2}"
 
 
 class StartClearance:

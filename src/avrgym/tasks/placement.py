@@ -22,7 +22,7 @@ from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for a base, or for the arm of a fixed base: enough for the restarts of 75 joints."""
-X, Z = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
+X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """Edge of wheelchair and bed on the person's right: x coordinate."""
 
@@ -139,7 +139,7 @@ def placed_start(
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
-        base_q = np.tile(transforms.from_axis_angle(Z, mount.yaw_rad), (len(tool_pos_w), 1))
+        base_q = np.tile(transforms.from_axis_angle(Z_AXIS, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
         positions = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
@@ -148,7 +148,7 @@ def placed_start(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
         found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
-        base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
+        base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z_AXIS, found.base.yaw_rad)
         positions = found.joint_positions
     missed_m = None
     if scene.checks_reach:

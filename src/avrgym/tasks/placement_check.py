@@ -142,7 +142,9 @@ def _clear(task: str, robot: Robot, joint_positions: FloatArray, sex: Sex) -> Bo
             start,
             people=distributions.repeat_person(person, count),
             robot_pos_w=np.tile(mount.pos_w, (count, 1)),
-            robot_q_w=np.tile(transforms.from_axis_angle(placement.Z, np.asarray(mount.yaw_rad)), (count, 1)),
+            robot_q_w=np.tile(
+                transforms.from_axis_angle(placement.Z_AXIS, np.asarray(mount.yaw_rad)), (count, 1)
+            ),
             joint_positions=joint_positions,
             placed_pos_w=placed,
         ),

@@ -162,7 +162,7 @@ class FaultyStudy:
     def _begin_attempt(self) -> None:
         rng, session = self.rng, self.sessions._session
         assert session is not None
-        task = TASKS[find_environment(session.world.environment)[0]]
+        task = TASKS[find_environment(session.world.environment_id)[0]]
         fault = Fault(
             rng.choice(KINDS),
             rng.choice(

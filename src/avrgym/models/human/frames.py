@@ -11,7 +11,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.arrays import as_floats, constant_like, namespace
 from avrgym.models.body_names import Sex
 from avrgym.models.human.anthropometry import Proportions, proportions_of
-from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
+from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, joint_angles
 from avrgym.models.human.person import People, Person
 
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
@@ -228,18 +228,18 @@ class Geom:
 
 
 GEOMS: Mapping[str, Geom] = {
-    "hips": Geom("hips", X, 0.14),
-    "waist": Geom("torso", X, 0.13),
-    "chest": Geom("torso", X, 0.10),
-    "right_shoulder": Geom("torso", X, 0.05),
-    "left_shoulder": Geom("torso", X, 0.05),
-    "neck": Geom("torso", Z, 0.01),
+    "hips": Geom("hips", X_AXIS, 0.14),
+    "waist": Geom("torso", X_AXIS, 0.13),
+    "chest": Geom("torso", X_AXIS, 0.10),
+    "right_shoulder": Geom("torso", X_AXIS, 0.05),
+    "left_shoulder": Geom("torso", X_AXIS, 0.05),
+    "neck": Geom("torso", Z_AXIS, 0.01),
     "cranium": Geom("head", None, 0.05),
     "jaw": Geom("head", None, 0.02),
     **{f"{side}_{part}": Geom(f"{side}_{part}", axis, share)
        for side in ("right", "left")
-       for part, axis, share in (("upper_arm", Z, 0.033), ("forearm", Z, 0.019), ("hand", None, 0.0065),
-                                 ("thigh", Z, 0.105), ("shin", Z, 0.0475), ("foot", Y, 0.014))},
+       for part, axis, share in (("upper_arm", Z_AXIS, 0.033), ("forearm", Z_AXIS, 0.019), ("hand", None, 0.0065),
+                                 ("thigh", Z_AXIS, 0.105), ("shin", Z_AXIS, 0.0475), ("foot", Y_AXIS, 0.014))},
 }  # fmt: skip
 
 
@@ -259,7 +259,7 @@ def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SE
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
     if body in posture.turns_deg():
         turn = float(np.radians(posture.turns_deg()[body]))
-        turns.append((X, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
+        turns.append((X_AXIS, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
     rotation = xp.broadcast_to(constant_like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
     for axis, angle in turns:
         rotation = transforms.multiply(rotation, transforms.from_axis_angle(axis, angle))

@@ -7,7 +7,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -30,23 +30,23 @@ def _arm(side: str) -> dict[str, Joint]:
     shoulder_y = (-180.0, 198.0) if right else (-198.0, 180.0)
     wrist_y = (-27.0, 47.0) if right else (-47.0, 27.0)
     return {
-        f"{side}_shoulder_y": Joint(f"{side}_upper_arm", Y, *shoulder_y, 60.0),
-        f"{side}_shoulder_x": Joint(f"{side}_upper_arm", X, -188.0, 61.0, 60.0),
-        f"{side}_shoulder_z": Joint(f"{side}_upper_arm", Z, -90.0, 90.0, 40.0),
-        f"{side}_elbow_x": Joint(f"{side}_forearm", X, -128.0, 0.0, 50.0),
-        f"{side}_forearm_z": Joint(f"{side}_forearm", Z, -90.0, 90.0, 10.0),
-        f"{side}_wrist_x": Joint(f"{side}_hand", X, -81.0, 90.0, 10.0),
-        f"{side}_wrist_y": Joint(f"{side}_hand", Y, *wrist_y, 10.0),
+        f"{side}_shoulder_y": Joint(f"{side}_upper_arm", Y_AXIS, *shoulder_y, 60.0),
+        f"{side}_shoulder_x": Joint(f"{side}_upper_arm", X_AXIS, -188.0, 61.0, 60.0),
+        f"{side}_shoulder_z": Joint(f"{side}_upper_arm", Z_AXIS, -90.0, 90.0, 40.0),
+        f"{side}_elbow_x": Joint(f"{side}_forearm", X_AXIS, -128.0, 0.0, 50.0),
+        f"{side}_forearm_z": Joint(f"{side}_forearm", Z_AXIS, -90.0, 90.0, 10.0),
+        f"{side}_wrist_x": Joint(f"{side}_hand", X_AXIS, -81.0, 90.0, 10.0),
+        f"{side}_wrist_y": Joint(f"{side}_hand", Y_AXIS, *wrist_y, 10.0),
     }
 
 
 JOINTS: Mapping[str, Joint] = {
-    "waist_x": Joint("torso", X, -30.0, 75.0, 200.0),
-    "waist_y": Joint("torso", Y, -30.0, 30.0, 150.0),
-    "waist_z": Joint("torso", Z, -30.0, 30.0, 100.0),
-    "head_x": Joint("head", X, -50.0, 50.0, 30.0),
-    "head_y": Joint("head", Y, -34.0, 34.0, 30.0),
-    "head_z": Joint("head", Z, -70.0, 70.0, 20.0),
+    "waist_x": Joint("torso", X_AXIS, -30.0, 75.0, 200.0),
+    "waist_y": Joint("torso", Y_AXIS, -30.0, 30.0, 150.0),
+    "waist_z": Joint("torso", Z_AXIS, -30.0, 30.0, 100.0),
+    "head_x": Joint("head", X_AXIS, -50.0, 50.0, 30.0),
+    "head_y": Joint("head", Y_AXIS, -34.0, 34.0, 30.0),
+    "head_z": Joint("head", Z_AXIS, -70.0, 70.0, 20.0),
     **_arm("right"),
     **_arm("left"),
 }

@@ -18,7 +18,7 @@ from avrgym.models.human.frames import (
     body_rotations,
     layout_of,
 )
-from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X, Y
+from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X_AXIS, Y_AXIS
 from avrgym.models.human.person import People, Person
 
 PREFIX = "person/"
@@ -102,7 +102,7 @@ def use_speed_targets(spec: mujoco.MjSpec) -> None:
 
 
 def _capsule_quaternion(axis: tuple[float, float, float] | None) -> FloatArray:
-    turns = {X: (Y, 0.5 * np.pi), Y: (X, -0.5 * np.pi)}
+    turns = {X_AXIS: (Y_AXIS, 0.5 * np.pi), Y_AXIS: (X_AXIS, -0.5 * np.pi)}
     if axis not in turns:
         return transforms.IDENTITY_QUATERNION
     return transforms.from_axis_angle(turns[axis][0], turns[axis][1])

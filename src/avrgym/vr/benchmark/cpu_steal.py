@@ -56,7 +56,7 @@ class CpuSteal:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         seen = self._end()
-        self.spans = merged(seen) if self._watchers else None
+        self.spans = merge_spans(seen) if self._watchers else None
 
     def _end(self) -> list[Span]:
         spans: list[Span] = []
@@ -96,7 +96,7 @@ def _keep_to(processor: int) -> bool:
     return True
 
 
-def merged(spans: list[Span]) -> list[Span]:
+def merge_spans(spans: list[Span]) -> list[Span]:
     """Merge overlapping periods. Returns sorted, disjoint periods."""
     apart: list[Span] = []
     for began_s, ended_s in sorted(spans):
@@ -107,12 +107,12 @@ def merged(spans: list[Span]) -> list[Span]:
     return apart
 
 
-def within_s(spans: list[Span], began_s: float, ended_s: float) -> float:
+def overlap_s(spans: list[Span], began_s: float, ended_s: float) -> float:
     """Overlap in seconds of the period from ``began_s`` to ``ended_s`` with disjoint spans."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
-def outside(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
+def without_overlap(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
     """Boolean mask (n,): periods, given by beginnings and ends (n,), that overlap no span of sorted, disjoint spans."""
     begins_s, ends_s = np.array([*spans, (np.inf, np.inf)]).T
     return ended_s < begins_s[np.searchsorted(ends_s, began_s)]

@@ -25,7 +25,7 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import sizes
-from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
+from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, overlap_s, without_overlap
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received
@@ -330,7 +330,7 @@ def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTic
         if tick.due_s > next_s + 0.5 * TICK_S:
             began_s = tick.due_s
         next_s = tick.due_s + (1 + tick.lost) * TICK_S
-        if tick.ended_s - tick.due_s - TICK_S > within_s(stood_still, began_s, tick.ended_s):
+        if tick.ended_s - tick.due_s - TICK_S > overlap_s(stood_still, began_s, tick.ended_s):
             running.append(tick)
     return running
 
@@ -343,5 +343,5 @@ def _undisturbed(stood_still: list[Span] | None, began_s: FloatArray, took_s: Fl
     """Percentiles of the durations of events without CPU steal."""
     if stood_still is None:
         return None
-    alone = outside(stood_still, began_s, began_s + took_s)
+    alone = without_overlap(stood_still, began_s, began_s + took_s)
     return _spread(took_s[alone]) if alone.any() else None

@@ -75,7 +75,7 @@ class LiveWorld:
         return self._episodes.simulation
 
     @property
-    def environment(self) -> str:
+    def environment_id(self) -> str:
         """The environment's id."""
         return self._episodes.environment_id
 

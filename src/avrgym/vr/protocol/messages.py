@@ -453,8 +453,8 @@ class Problem(Message, frozen=True, tag="problem"):
 class Feedback(Message, frozen=True, tag="feedback"):
     """Haptic and acoustic feedback of one control step.
 
-    ``left_touched`` and ``right_touched``: whether robot or tool touch this arm, including the hand. ``events``: the number of bites or
-    drops in the mouth, wiped markers, or scratches.
+    ``left_touched`` and ``right_touched``: whether robot or tool touch this arm, including the hand. ``events``: the
+    number of bites or drops in the mouth, wiped markers, or scratches.
     """
 
     left_touched: bool

@@ -233,7 +233,7 @@ async def _receive(
                 if isinstance(message, Tracking):
                     frame_times.note_received(message.sequence)
                 if not holds_robot(message):
-                    await _until(lambda: not loop.full)
+                    await _until(lambda: not loop.inbox_is_full)
                 if caller.role == "experimenter":
                     record(caller, message)
                 loop.post(message)

@@ -35,7 +35,7 @@ class Inbox:
         self._frames = 0
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Whether senders must wait."""
         return len(self._waiting) >= MAX_WAITING_MESSAGES
 

@@ -99,9 +99,9 @@ class RealTimeLoop(Generic[S]):
         self._thread.join()
 
     @property
-    def full(self) -> bool:
+    def inbox_is_full(self) -> bool:
         """Whether senders must wait."""
-        return self._inbox.full
+        return self._inbox.is_full
 
     def post(self, message: Received) -> None:
         """Pass a message to the session from any thread; see ``Inbox``."""

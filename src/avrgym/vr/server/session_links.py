@@ -54,7 +54,7 @@ class _Code:
     digits: str
     created_s: float = field(default_factory=lambda: time.monotonic())
 
-    def is_younger(self, seconds: float) -> bool:
+    def is_younger_than(self, seconds: float) -> bool:
         return time.monotonic() - self.created_s < seconds
 
 
@@ -105,8 +105,8 @@ class SessionLinks:
         with self._lock:
             if self._open is None:
                 return None
-            self._codes = [each for each in self._codes if each.is_younger(CODE_VALID_S)]
-            if not self._codes or not self._codes[-1].is_younger(CODE_VALID_S / 2):
+            self._codes = [each for each in self._codes if each.is_younger_than(CODE_VALID_S)]
+            if not self._codes or not self._codes[-1].is_younger_than(CODE_VALID_S / 2):
                 self._codes.append(_Code(f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}}"))
             return self._codes[-1].digits
 
@@ -125,7 +125,7 @@ class SessionLinks:
                 )
             for code in self._codes:
                 right = secrets.compare_digest(code.digits.encode(), digits.encode("utf-8", "surrogatepass"))
-                if right and code.is_younger(CODE_VALID_S) and self._open is not None:
+                if right and code.is_younger_than(CODE_VALID_S) and self._open is not None:
                     self._codes.remove(code)
                     return self._open.link
             self._wrong_s.append(now_s)

@@ -21,7 +21,9 @@ from avrgym.vr.server.response_headers import ResponseHeaders
 STATIC = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "replay.html")
 """The client's pages: for participants and spectators, for the experimenter, and for replays."""
-INSTALL_PAGES = "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
+CLIENT_INSTALL_HINT = (
+    "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
+)
 PROTOCOL = socket.IPPROTO_TCP
 """Set explicitly: asyncio sets TCP_NODELAY only on sockets that specify the protocol."""
 BACKLOG = 1024
@@ -41,7 +43,7 @@ class ServerError(RuntimeError):
 def check_page(name: str) -> None:
     """Raise ``ServerError`` if a page of the client is not built."""
     if not (STATIC / name).exists():
-        raise ServerError(f"the browser client is missing; {INSTALL_PAGES}")
+        raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:

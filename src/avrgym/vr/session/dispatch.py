@@ -27,9 +27,9 @@ def take_message(phase: Phase, message: Received) -> Phase:
             if phase.state.take_visibility(message.visibility):
                 return phase.interrupt(lost_visibility(phase.state.now_s, message.visibility))
         case messages.OriginReset():
-            return phase.reset_origin()
+            return phase.on_origin_reset()
         case messages.Ready():
-            return phase.ready()
+            return phase.on_ready()
         case messages.Recalibrate():
             return phase.recalibrate()
         case messages.Answer():

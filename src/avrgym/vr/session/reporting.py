@@ -82,7 +82,7 @@ def status(
         trial=phase.trial,
         trials=phase.trials,
         attempt=attempt.number if attempt else 0,
-        environment=world.environment,
+        environment=world.environment_id,
         paused=paused,
         pause_reason=why,
         torso_height_m=world.person.torso_height_m,

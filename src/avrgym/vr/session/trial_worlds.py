@@ -59,7 +59,7 @@ class TrialWorlds:
         if key in (self._fresh_for, self._preparation.key):
             return
         plan, now = self._plan.trials[trial], self.world
-        if plan.environment == now.environment:
+        if plan.environment == now.environment_id:
             start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
             start_person = resting_person(plan.environment, person)
@@ -78,7 +78,7 @@ class TrialWorlds:
     def switch(self) -> None:
         """Replace the present world by the prepared one. Raises the error of its preparation, if any."""
         key, world = self._preparation.key, self._preparation.take()
-        self.number = self._number(world.environment, world.person)
+        self.number = self._number(world.environment_id, world.person)
         self.world, self._fresh_for = world, key
 
     def client_connected(self) -> None:

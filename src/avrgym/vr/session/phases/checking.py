@@ -77,7 +77,7 @@ class CheckStart(HeadsetCheckPhase):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state, HeadsetMeasurement())
 
-    def ready(self) -> CheckAtRest | Self:
+    def on_ready(self) -> CheckAtRest | Self:
         if not self.state.worlds.is_shown:
             return self._refuse("loading")
         return CheckAtRest(self.state, self._measurement)
@@ -242,7 +242,7 @@ class CheckResult(HeadsetCheckPhase):
         self.state.headset = self._check
         self.state.sink.report(events.HeadsetChecked(self.state.now_s, self._check))
 
-    def ready(self) -> CheckStart | phases.Calibration | phases.LoadCalibration:
+    def on_ready(self) -> CheckStart | phases.Calibration | phases.LoadCalibration:
         if not is_ready(self._check):
             return CheckStart(self.state)
         self.state.headset_checked = True

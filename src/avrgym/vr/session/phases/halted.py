@@ -21,10 +21,10 @@ class Paused(BetweenTrials):
         super().__init__(state)
         self.message = message
 
-    def ready(self) -> phases.TrialStart | Self:
+    def on_ready(self) -> phases.TrialStart | Self:
         if self.state.on_hold:
             return self._refuse("paused_by_experimenter")
-        return super().ready()
+        return super().on_ready()
 
     def resume(self) -> phases.TrialStart | Self:
         held = self.state.on_hold

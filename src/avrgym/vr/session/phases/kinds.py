@@ -63,7 +63,7 @@ class Ongoing(Phase):
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Calibrate the participant again, in the current trial's seat or bed."""
         self.state.reset_place()
-        in_place = self.state.world.environment == self.state.current.environment
+        in_place = self.state.world.environment_id == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
     def _next_trial(self) -> phases.TrialStart | phases.Finished:
@@ -115,7 +115,7 @@ class Ongoing(Phase):
 class InVR(Ongoing):
     """The participant is in VR."""
 
-    def reset_origin(self) -> phases.AfterEntering:
+    def on_origin_reset(self) -> phases.AfterEntering:
         return self.enter_vr()
 
 
@@ -155,7 +155,7 @@ class RobotFinished(InPlace):
         self.state.reset_place()
         return self._ask()
 
-    def reset_origin(self) -> phases.AfterRobot:
+    def on_origin_reset(self) -> phases.AfterRobot:
         return self.enter_vr()
 
     def leave_vr(self) -> phases.AfterRobot:
@@ -234,7 +234,7 @@ class BetweenTrials(InPlace):
             return self
         return phases.LoadCheck(self.state) if self.state.height_known else self._calibrate_again()
 
-    def ready(self) -> phases.TrialStart | Self:
+    def on_ready(self) -> phases.TrialStart | Self:
         self.state.ready_for = self.state.trial
         return self._begin_trial()
 

@@ -71,11 +71,11 @@ class Phase:
         self.state.sink.report(events.ConnectionLost(self.state.now_s))
         return self
 
-    def reset_origin(self) -> Phase:
+    def on_origin_reset(self) -> Phase:
         """The origin of tracking has changed; the participant's place is unknown."""
         return self
 
-    def ready(self) -> Phase:
+    def on_ready(self) -> Phase:
         """The participant pressed the trigger to continue."""
         return self._refuse("nothing_to_begin")
 

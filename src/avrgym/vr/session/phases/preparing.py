@@ -58,7 +58,7 @@ class Calibration(InVR):
             self.state.send_changed_scene()
         return self
 
-    def ready(self) -> LoadCheck | ReachForward | Self:
+    def on_ready(self) -> LoadCheck | ReachForward | Self:
         """Calibrate height, place and direction from the last half second of tracking.
 
         Without a headset there are no arms to stretch.
@@ -102,7 +102,7 @@ class ReachMeasurement(InVR, ABC):
         if length_m is not None:
             self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
 
-    def ready(self) -> LoadCheck:
+    def on_ready(self) -> LoadCheck:
         """Continue with arms of mean length."""
         return LoadCheck(self.state)
 

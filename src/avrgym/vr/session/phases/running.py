@@ -200,7 +200,7 @@ class Confirm(RobotFinished):
         super().__init__(state)
         self._questions = questions
 
-    def ready(self) -> phases.TrialStart | phases.Finished:
+    def on_ready(self) -> phases.TrialStart | phases.Finished:
         return self._complete_trial()
 
     def go_back(self) -> Questionnaire:
