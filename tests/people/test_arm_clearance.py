@@ -146,7 +146,7 @@ def test_furniture_is_found_where_it_stands():
 
 
 def test_tilted_furniture_boxes_are_tilted():
-    up_the_backrest = transforms.rotate(furniture_boxes([add_hospital_bed]).q_w, human.Y)
+    up_the_backrest = transforms.rotate(furniture_boxes([add_hospital_bed]).q_w, human.Y_AXIS)
     slope = np.degrees(np.arctan2(up_the_backrest[:, 2], up_the_backrest[:, 1]))
     assert np.isclose(slope, 60.0).sum() == 1
 

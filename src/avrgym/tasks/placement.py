@@ -155,7 +155,7 @@ def placed_start(
         pos, _ = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         missed_m = transforms.norm(kinematics.forward(chain, positions)[0] - pos)
     if drives:
-        base_pos = base_pos + transforms.rotate(base_q, X) * positions[:, :1]
+        base_pos = base_pos + transforms.rotate(base_q, X_AXIS) * positions[:, :1]
         positions = positions[:, 1:]
     placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
     return Start(people, base_pos, base_q, positions, placed, missed_m)
