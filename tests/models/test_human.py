@@ -202,7 +202,7 @@ def test_an_unknown_joint_names_the_joints():
 
 @pytest.mark.parametrize("torso_height", [3.0, 0.1, float("nan")])
 def test_an_impossible_torso_height_names_the_range(torso_height):
-    with pytest.raises(ValueError, match=r"outside 0\.40 to 0\.75 m"):
+    with pytest.raises(ValueError, match=r"allowed: 0\.40 to 0\.75 m"):
         Person("man", torso_height)
 
 

@@ -205,12 +205,12 @@ def test_messages_reach_the_session_in_order() -> None:
 def test_a_flooding_sender_must_wait() -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
-    assert not loop.full
+    assert not loop.inbox_is_full
     for _ in range(MAX_WAITING_MESSAGES):
         loop.post(Ready())
-    assert loop.full
+    assert loop.inbox_is_full
     loop.start()
-    await_that(lambda: not loop.full)
+    await_that(lambda: not loop.inbox_is_full)
     await_that(lambda: len(session.received) == MAX_WAITING_MESSAGES)
     loop.stop()
 
