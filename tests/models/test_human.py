@@ -196,7 +196,9 @@ def test_an_unknown_sex_names_the_models():
 
 
 def test_an_unknown_joint_names_the_joints():
-    with pytest.raises(ValueError, match=r"unknown joint 'tail_x'; .* are waist_x, waist_y, .*left_wrist_y"):
+    with pytest.raises(
+        ValueError, match=r"unknown joint 'tail_x'; allowed: waist_x, waist_y, .*left_wrist_y"
+    ):
         human.joint_angles(tail_x=10.0)
 
 
