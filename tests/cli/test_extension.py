@@ -13,7 +13,7 @@ from helpers.system.paths import ROOT
 from helpers.system.processes import running_server
 from helpers.vr.time_limits import RELAXED_LIMITS
 
-TASK, ROBOT = "ArmManipulation", "Jaco"
+TASK, ROBOT = "Handover", "Jaco"
 ENVIRONMENT = f"avrgym/{TASK}{ROBOT}-v1"
 MAX_LINES = 150
 TRAINING_STEPS = 2000
@@ -60,10 +60,9 @@ def test_files_are_short() -> None:
 def test_environments_are_listed_and_broken_ones_are_skipped(installed: Path) -> None:
     said = " ".join(avrgym(installed, "envs", "--json", "envs.json").split())
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
-    ours = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-    for made in [f"{task}{robot}" for task in ours for robot in ("Jaco", "PR2", "Fetch")]:
+    for made in [f"{task}{robot}" for task in TASKS for robot in ("Jaco", "PR2", "Fetch")]:
         assert f"avrgym/{made}-v1" in listed
-    assert {env for env in listed if TASK in env} == {f"avrgym/{TASK}{r}-v1" for r in ("Jaco", "PR2", "UR5")}
+    assert {env for env in listed if TASK in env} == {f"avrgym/{TASK}{r}-v1" for r in (*ROBOTS, "Fetch")}
     broken = r"skipped unfinished = unfinished:MISSING \(unfinished 1.0\): ModuleNotFoundError"
     assert len(re.findall(broken, said)) >= 2, said
 
@@ -83,7 +82,7 @@ def test_the_arm_can_be_lifted_but_not_by_the_example_controller(installed: Path
 @pytest.mark.slow
 def test_extension_supports_training_study_report_and_replay(installed: Path) -> None:
     train_and_study(
-        installed, TASK, ROBOT, "to_armrest_m", TRAINING_STEPS, policies=("hold-still",), little=True
+        installed, TASK, ROBOT, "within_reach", TRAINING_STEPS, policies=("hold-still",), little=True
     )
 
 

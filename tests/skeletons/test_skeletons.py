@@ -53,8 +53,7 @@ def test_each_template_passes_its_own_tests(installed: Path) -> None:
 def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None:
     avrgym(installed, "envs", "--json", "envs.json")
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
-    tasks = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-    assert {f"avrgym/{task}LongArm2-v1" for task in tasks} <= listed
+    assert {f"avrgym/{task}LongArm2-v1" for task in TASKS} <= listed
     assert {f"avrgym/RollUpSleeve{robot}-v1" for robot in ("Jaco", "PR2", "LongArm2")} <= listed
     asked = [sys.executable, "-c", "from avrgym.cli import app; app()", "evaluate"]
     refused = subprocess.run(

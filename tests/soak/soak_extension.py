@@ -12,7 +12,7 @@ STEPS = 20_000
 @pytest.mark.parametrize(
     ("task", "robot", "term"),
     [
-        ("ArmManipulation", "Jaco", "to_armrest_m"),
+        ("Handover", "Jaco", "within_reach"),
         ("Feeding", "Fetch", "distance_m"),
     ],
 )

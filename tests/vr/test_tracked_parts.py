@@ -25,7 +25,7 @@ from avrgym.vr.tracking.freshness import STALE_S, Freshness
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 
 ROBOT = "Jaco"
-NAMES = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
+NAMES = constants.TASKS
 NEEDED = [(name, part) for name in NAMES for part in TASKS[name].tracked]
 NEEDLESS = [(name, part) for name in NAMES for part in PARTS if part not in TASKS[name].tracked]
 FRAME_S = 1.0 / 90.0

@@ -67,7 +67,7 @@ class PersonModelFields:
                 for name in ("body_mass", "body_inertia"):
                     self._inertia[name][world, self._ids] *= self._body_mass_kg / human.PROPORTIONS[sex].mass
         torque = compliance.person_torque_limit_n_m(
-            people.strength_share[:, None] * human.TORQUE_N_M, people.tremor_rad
+            people.strength_share.reshape(len(ids), -1) * human.TORQUE_N_M, people.tremor_rad
         )
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
 

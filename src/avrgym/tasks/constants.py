@@ -5,9 +5,9 @@ from itertools import product
 from avrgym.robots import optional
 
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-TASKS = (*PAPER_TASKS, "Dressing")
+TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
 ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional.INSTALLED)
-"""Names of the packaged tasks and robots."""
+"""Names of the tasks of the paper, of all packaged tasks, and of the packaged robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
 """Version of the simulated world: physics, initial states and rewards. Recordings store it.

@@ -26,7 +26,14 @@ from avrgym.tasks.control_loop import ControlLoop, Step
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.registry import task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.tasks.task import EpisodeStart, StepResult, TaskState, replace_worlds, state_arrays
+from avrgym.tasks.task import (
+    EpisodeStart,
+    StepResult,
+    TaskState,
+    joint_shares,
+    replace_worlds,
+    state_arrays,
+)
 from avrgym.tasks.world_people import WorldPeople, reachable_rad
 
 if TYPE_CHECKING:
@@ -274,9 +281,11 @@ class Episodes:
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
-        """The people, with their strength scaled by ``Task.strength_share``."""
+        """The people, with the strength of their joints scaled by ``Task.strength_share``."""
         share = self.task.strength_share
-        return people if share is None else replace(people, strength_share=share * people.strength_share)
+        if share is None:
+            return people
+        return replace(people, strength_share=people.strength_share[:, None] * joint_shares(share))
 
     def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
         """Pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.

@@ -14,6 +14,7 @@ from avrgym.robots.optional import how_to_add
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_entry_point
+from avrgym.tasks.arm_manipulation.task import ARM_MANIPULATION
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.dressing.task import DRESSING
@@ -66,7 +67,7 @@ class Registry:
 
 def _build_registry() -> Registry:
     registry = Registry(ROBOTS)
-    for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING):
+    for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING, ARM_MANIPULATION):
         registry.add(task)
     registry.broken += plugins.load_plugins(plugins.TASKS, Task, registry.add)
     return registry

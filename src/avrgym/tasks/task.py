@@ -6,12 +6,13 @@ from functools import cache
 from typing import Annotated, Any, NamedTuple, Protocol, get_args
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models.body_names import PARTS, Part
-from avrgym.models.human import People
+from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedPart
@@ -134,7 +135,8 @@ class Task:
         pose: initial pose of the person.
         offered: body part that cooperating people bring to the tool.
         strength_share: share of their strength with which people hold their pose. With a small share the robot can move
-            their joints. ``None``: people who do not move are rigid.
+            their joints. It may also be a share for each joint by name; others have full strength. ``None``: people who
+            do not move are rigid.
         scene: returns the scene for a robot; called once for each.
         num_uniforms: number of uniform numbers of ``start``.
         start: initial state from the scene, the people and uniform numbers (n, ``num_uniforms``).
@@ -175,7 +177,7 @@ class Task:
     expert: Expert
     feedback_expert: Expert
     views: Views
-    strength_share: float | None = None
+    strength_share: float | Mapping[str, float] | None = None
     hyperparameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
     memory_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
@@ -199,9 +201,11 @@ class Task:
             raise ValueError(
                 f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED))}"
             )
-        if self.strength_share is not None and not 0.0 < self.strength_share <= 1.0:
+        share = self.strength_share
+        if share is not None and not _is_strength_share(share):
             raise ValueError(
-                f"strength_share of task {self.name} is {self.strength_share!r}; allowed: above 0 to 1, or None"
+                f"strength_share of task {self.name} is {share!r}; allowed: above 0 to 1, such shares by joint "
+                f"({', '.join(JOINTS)}), or None"
             )
         if "head" not in self.tracked or not set(self.tracked) <= set(PARTS):
             raise ValueError(
@@ -275,6 +279,18 @@ _FUNCTIONS = (
     "expert",
     "feedback_expert",
 )
+
+
+def joint_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
+    """``Task.strength_share`` of each joint (20,)."""
+    by_joint = dict.fromkeys(JOINTS, strength_share) if isinstance(strength_share, float) else strength_share
+    return np.array([by_joint.get(name, 1.0) for name in JOINTS])
+
+
+def _is_strength_share(strength_share: float | Mapping[str, float]) -> bool:
+    known = isinstance(strength_share, float) or strength_share.keys() <= JOINTS.keys()
+    shares = joint_shares(strength_share) if known else np.zeros(1)
+    return bool(((shares > 0.0) & (shares <= 1.0)).all())
 
 
 def state_arrays(task_state: object) -> dict[str, NumpyArray]:

@@ -23,7 +23,8 @@ _FRONT_Y = _BACK_Y - SEAT_DEPTH_M
 _HALF_SEAT = 0.23
 _WHEEL_RADIUS, _WHEEL_X, _AXLE_Y = 0.305, 0.305, 0.10
 _CASTER_RADIUS, _CASTER_Y = 0.09, -0.32
-_FRAME_X, _ARMREST_X = 0.245, 0.265
+_FRAME_X = 0.245
+ARMREST_X_M, ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M = 0.265, 0.03, -0.19, 0.76
 _SIGNS = {"right": -1.0, "left": 1.0}
 
 
@@ -52,7 +53,10 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -
     }
     for side, sign in _SIGNS.items():
         if side in armrests:
-            boxes[f"{side}_armrest"] = ([sign * _ARMREST_X, -0.03, 0.745], [0.03, 0.16, 0.015])
+            boxes[f"{side}_armrest"] = (
+                [sign * ARMREST_X_M, -0.03, ARMREST_TOP_M - 0.015],
+                [ARMREST_HALF_WIDTH_M, 0.16, 0.015],
+            )
         boxes[f"{side}_wheel"] = ([sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS], [0.02, 0.28, 0.28])
     for name, (pos, size) in boxes.items():
         add_collision(body, f"wheelchair_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
@@ -94,10 +98,10 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
     rubber = finish(spec, "rubber")
     paint = finish(spec, "frame")
-    x = _SIGNS[side] * _ARMREST_X
+    x = _SIGNS[side] * ARMREST_X_M
     bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
     add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
-    guard = [_SIGNS[side] * (_ARMREST_X - 0.003), -0.03, 0.60]
+    guard = [_SIGNS[side] * (ARMREST_X_M - 0.003), -0.03, 0.60]
     add_visual(body, BOX, paint, pos=guard, size=[0.004, 0.12, 0.10])
     add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748], size=[0.028, 0.15, 0.012])
 

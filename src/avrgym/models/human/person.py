@@ -98,7 +98,7 @@ class People:
         torso_height_m: (N,).
         joint_angles_rad: (N, 20).
         range_share: share of the joint ranges (N,).
-        strength_share: share of the joint torques (N,).
+        strength_share: share of the joint torques (N,); for physics also by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
         arm_scale: see ``Person`` (N,).
     """

@@ -1,0 +1,1 @@
+"""Handover: hold a remote control where the person's right hand can take it."""

@@ -1,0 +1,94 @@
+"""Handover: scene, initial states, observation, expert and the task record."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.furniture import add_wheelchair_without_right_armrest
+from avrgym.models.human import People
+from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.scene import SceneConfig
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import Start, State
+from avrgym.tasks import observation as seen
+from avrgym.tasks import placement
+from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
+from avrgym.tasks.experts.motion_planner import MotionPlanner
+from avrgym.tasks.observation import Observation, from_goal
+from avrgym.tasks.person import ARM_SPREAD_RAD
+from avrgym.tasks.task import Task, View, Views
+from avrgym_example.handover.remote import REMOTE
+from avrgym_example.handover.reward import HAND, WEIGHTS, HandoverState, evaluate_step, init_state, palm_w
+
+POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
+HAND_START_W, START_SPREAD_M = (-0.55, -0.05, 0.8), 0.05
+POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+"""Pointing 45° upwards to the person's left."""
+GAP_M, SLOWEST_M_S = 0.065, 0.03
+"""Distance of the remote control's end from the hand's centre, and the lowest speed there."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """A wheelchair without its right armrest; the robot's left arm holds the remote control like a scratcher."""
+    if "scratcher" not in robot.grips:
+        raise UnsuitableError(f"{robot.name} has no grip 'scratcher', which holds the remote control too")
+    grips = {REMOTE.name: robot.grips["scratcher"], **robot.grips}
+    chair = add_wheelchair_without_right_armrest
+    return placement.wheelchair_scene(replace(robot, grips=grips), "left", REMOTE, (0.1, 0.0), chair=chair)
+
+
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+    """Hand within ±5 cm of a point next to the forearm; the base reaches the person's hand."""
+    hand_w = np.array(HAND_START_W) + START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, POINTING_Q_W)
+    goal_w = placement.right_arm_joints_w(people, scene.posture)[:, HAND:]
+    return placement.placed_start(
+        scene, people, {}, tool_w, tool_q_w, goal_w, tool_q_w[:, None], uniforms[:, 3:]
+    )
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Remote control, hand and both arms."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            from_goal("tool_from_hand_m", lambda state, _: state.tool_pos_w - palm_w(state)),
+            seen.joint_positions(scene),
+            *seen.RIGHT_ARM_FROM_TORSO,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+def tool_target(state: State, task_state: HandoverState, planner: MotionPlanner) -> ToolTarget:
+    """Straight to the hand, on the side of the robot, and stop before the skin."""
+    goal_w = palm_w(state) - GAP_M * transforms.rotate(POINTING_Q_W, (1.0, 0.0, 0.0))
+    speed = speed_m_s(goal_w - planner.pos_w, SLOWEST_M_S)
+    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed
+
+
+HANDOVER = Task(
+    name="Handover",
+    goal="Get the remote control held within reach of your right hand.",
+    pose=POSE,
+    offered="arm",
+    scene=scene,
+    num_uniforms=3 + placement.NUM_UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=partial(FeedbackExpert, target=tool_target),
+    feedback_expert=partial(FeedbackExpert, target=tool_target),
+    views=Views(
+        mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
+        on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
+    ),
+    tracked=("head", "right"),
+)

@@ -1,0 +1,50 @@
+"""The scooper: a padded trough that carries a forearm, on a handle as thick as the scratcher's."""
+
+import mujoco
+import numpy as np
+
+from avrgym.models import collision_bits
+from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_skin, add_visual
+from avrgym.models.scratcher import RADIUS_M as HANDLE_RADIUS_M
+from avrgym.models.shapes import rounded_polyline, tube
+from avrgym.models.tools import Tool
+
+PADDING_RADIUS_M, HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
+"""The trough is 14 cm wide outside, 10 cm inside (x), 7 cm long (y), and its rims are 5 cm above its floor (z)."""
+DEPTH_M = PADDING_RADIUS_M
+"""Height of the floor's surface above the origin."""
+GRIP_M = -(HALF_WIDTH_M + 0.06)
+_HANDLE_END_M = GRIP_M - 0.03
+_RIBS_Y_M = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 4)
+
+
+def _build_scooper(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
+    """Two bars below the forearm, a rim on each side, and the handle. The arm glides without friction."""
+    x, y, z = HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M
+    for name, ends, radius in (
+        ("right_bar", [-x, -y, 0, x, -y, 0], PADDING_RADIUS_M),
+        ("left_bar", [-x, y, 0, x, y, 0], PADDING_RADIUS_M),
+        ("far_rim", [x, 0, 0, x, 0, z], PADDING_RADIUS_M),
+        ("near_rim", [-x, 0, 0, -x, 0, z], PADDING_RADIUS_M),
+        ("handle", [-x, 0, 0, _HANDLE_END_M, 0, 0], HANDLE_RADIUS_M),
+    ):
+        add_collision(
+            body, f"scooper_{name}", CAPSULE, collision_bits.TOOL,
+            fromto=ends, size=[radius, 0, 0], mass=0.02, condim=1, priority=1,
+        )  # fmt: skip
+    if appearance:
+        _add_skin(spec, body)
+
+
+def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """Ribs of foam across the trough, and the handle."""
+    foam = add_material(spec, "scooper_foam", (0.20, 0.45, 0.60), roughness=0.9)
+    plastic = add_material(spec, "scooper_handle", (0.85, 0.86, 0.84), roughness=0.5)
+    x, z = HALF_WIDTH_M, RIM_HEIGHT_M
+    for number, y in enumerate(_RIBS_Y_M):
+        path = rounded_polyline([[-x, y, z], [-x, y, 0.0], [x, y, 0.0], [x, y, z]])
+        add_skin(spec, body, f"scooper_rib_{number}", foam, tube(path, PADDING_RADIUS_M))
+    add_visual(body, CAPSULE, plastic, fromto=[-x, 0, 0, _HANDLE_END_M, 0, 0], size=[HANDLE_RADIUS_M, 0, 0])
+
+
+SCOOPER = Tool("scooper", _build_scooper, grip_pos=(GRIP_M, 0.0, 0.0), particles=None)

@@ -1,0 +1,1 @@
+"""Arm manipulation: lift the limp right forearm of a seated person back onto the armrest."""

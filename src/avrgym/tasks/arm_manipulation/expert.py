@@ -1,0 +1,80 @@
+"""Expert for lifting: it depends on the present state only, so that policies can imitate it."""
+
+from functools import partial
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
+from avrgym.models.scene import SceneConfig
+from avrgym.simulation.worlds import RightArm, State
+from avrgym.tasks.arm_manipulation.reward import (
+    ELBOW,
+    RESTING_X_M,
+    ArmManipulationState,
+    lifted_pos_w,
+    upwards_w,
+)
+from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s, standoff_m
+from avrgym.tasks.experts.motion_planner import MotionPlanner
+from avrgym.tasks.task import Controller, RunningEpisodes
+
+TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.04, 0.4
+"""Depth of the scooper below the forearm's axis in contact, and what is added during a lateral approach from farther off
+the axis."""
+CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
+"""Height of the forearm's axis at which the scooper passes above the armrest."""
+NEARLY_M = 0.03
+"""Missing height below which the forearm is also moved to the person's left."""
+INSIDE_M = 0.02
+"""How far left of the armrest's middle the forearm is carried."""
+LIFTING_X_M = RESTING_X_M - 0.145
+"""Where the scooper is lifted: its far rim passes the armrest."""
+AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.01, 0.12, 0.02
+"""How far ahead of the forearm the scooper aims, how far above its goal, and its speed."""
+
+
+def heading_w(scene: SceneConfig) -> FloatArray:
+    """Direction (3,) of the handle, from the hand to the trough; world frame."""
+    return np.array([1.0, -0.4, 0.0] if scene.mount.on_floor else [1.0, 0.0, 0.0])
+
+
+def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
+    """Rotation (N, 4) of a scooper that faces the forearm from below, its handle along a direction (3,)."""
+    z_w = upwards_w(arm)
+    ahead = constant_like(heading, z_w)
+    x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])
+    return transforms.from_matrix(namespace(z_w).stack([x_w, transforms.cross(z_w, x_w), z_w], axis=-1))
+
+
+def lifting(episodes: RunningEpisodes) -> Controller:
+    """The expert."""
+    return FeedbackExpert(episodes, partial(lift, heading=heading_w(episodes.scene)))
+
+
+def lift(
+    state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
+) -> ToolTarget:
+    """Go below the forearm, lift it and, once it is high, carry it to the person's left."""
+    up_w, lifted_w = upwards_w(state), lifted_pos_w(state)
+    before = standoff_m(_beside_m(state), FREE_M, BEFORE_M)
+    missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
+    carries = np.clip(1.0 - missing / NEARLY_M, 0.0, 1.0)
+    goal_w = lifted_w - (TOUCHING_M + before)[:, None] * up_w
+    below = np.clip(1.0 - before / NEARLY_M, 0.0, 1.0)
+    goal_w[:, 2] += below * np.clip(missing + OVER_M, -AHEAD_M, AHEAD_M)
+    aim_x = LIFTING_X_M + carries * (RESTING_X_M + INSIDE_M - LIFTING_X_M)
+    goal_w[:, 0] += below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * AHEAD_M)
+    goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + OVER_M - TOUCHING_M)
+    speed = np.minimum(speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
+    return goal_w, cradling_q_w(state, heading), speed
+
+
+def _beside_m(state: State) -> FloatArray:
+    """Lateral offset (N,) of the scooper from the forearm. Offsets along the forearm count less: it glides."""
+    offset = state.tool_pos_w - lifted_pos_w(state)
+    along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW], (0.0, 0.0, 1.0))
+    along, up = ((offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, upwards_w(state)))
+    return transforms.norm(offset - up - (1.0 - ALONG_WEIGHT) * along)

@@ -1,0 +1,134 @@
+"""Reward of arm manipulation: the scooper at the forearm, the forearm back on the armrest, and the preferences.
+
+Assistive Gym (Erickson et al., 2020) rewards small distances of the tool from the arm and of elbow and wrist from the
+torso of a person in bed. Here the person sits in a wheelchair, and the arm belongs on the armrest.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.geometry import transforms
+from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.transforms import norm
+from avrgym.models.furniture.wheelchair import (
+    ARMREST_FRONT_Y_M,
+    ARMREST_HALF_WIDTH_M,
+    ARMREST_TOP_M,
+    ARMREST_X_M,
+)
+from avrgym.models.human import People
+from avrgym.simulation.worlds import RightArm, State
+from avrgym.tasks.person import force_above_limit
+from avrgym.tasks.task import StepResult
+
+ELBOW, WRIST = 1, 2
+UP = np.array([0.0, 0.0, 1.0])
+LIFTED_SHARE = 0.8
+"""Where the scooper lifts the forearm, from the elbow (0) to the wrist (1): near its centre of mass with the hand."""
+UPPER_SIDE, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
+"""The side of a resting forearm that faces up, in its frame, and its weight relative to the vertical."""
+RESTING_X_M = -ARMREST_X_M
+RESTING_M = 0.03
+"""Height of a resting forearm's axis above the armrest: the mean of the forearms' radii."""
+SAMPLES = (np.arange(10) + 0.5) / 10.0
+"""Points of the forearm, from the elbow (0) to the wrist (1)."""
+SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
+"""Share of the forearm that must be above the armrest, for how many control steps: its outer half, for 1 s."""
+
+WEIGHTS: Mapping[str, float] = {
+    "distance_m": -1.0,
+    "arm_to_armrest_m": -1.0,
+    "returned_share": 1.0,
+    "action_squared": -0.01,
+    "tool_speed_m_s": -0.25,
+    "force_elsewhere_n": -0.01,
+    "strong_force_at_arm_n": -0.05,
+}
+"""Task weights, then preference weights. In Assistive Gym the two distances have equal weights as well; the others are
+those of the packaged tasks."""
+
+
+@dataclass(frozen=True)
+class ArmManipulationState:
+    """Consecutive control steps with the forearm above the armrest, and whether there were enough, (N,) each."""
+
+    steps_above: IntArray
+    succeeded: BoolArray
+
+
+def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
+    """The arm hangs next to the armrest."""
+    xp = namespace(uniforms)
+    steps = xp.zeros_like(uniforms[:, 0], dtype=xp.int64)
+    return ArmManipulationState(steps, steps > 0)
+
+
+def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationState) -> StepResult:
+    """Success: half of the forearm was above the armrest for one second."""
+    xp = namespace(state.tool_pos_w)
+    share = returned_share(state)
+    steps = xp.where(share >= SUCCESS_SHARE, task_state.steps_above + 1, 0)
+    succeeded = task_state.succeeded | (steps >= SUCCESS_STEPS)
+    distance = norm(state.tool_pos_w - lifted_pos_w(state))
+    force_at_arm = state.tool_contact_force_n.sum(axis=-1)
+    terms = {
+        "distance_m": distance,
+        "arm_to_armrest_m": norm(to_armrest_m(state)),
+        "returned_share": share,
+        "action_squared": (action * action).sum(axis=-1),
+        "tool_speed_m_s": norm(state.tool_velocity_w),
+        "force_elsewhere_n": state.links_force_n,
+        "strong_force_at_arm_n": force_above_limit(force_at_arm),
+    }
+    return StepResult(
+        task_state=ArmManipulationState(steps, succeeded),
+        terms=terms,
+        distance_m=distance,
+        force_on_person_n=state.total_force_n,
+        success=succeeded,
+        events=xp.astype(succeeded & ~task_state.succeeded, xp.int64),
+        gone=xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device),
+    )
+
+
+def along_forearm_w(arm: RightArm, share: FloatArray | float) -> FloatArray:
+    """Points on the forearm's axis, from the elbow (0) to the wrist (1); ``share`` broadcasts with (N, 3)."""
+    elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
+    return elbow_w + share * (wrist_w - elbow_w)
+
+
+def lifted_pos_w(arm: RightArm) -> FloatArray:
+    """Point of the forearm's axis that the scooper lifts (N, 3); world frame."""
+    return along_forearm_w(arm, LIFTED_SHARE)
+
+
+def upwards_w(arm: RightArm) -> FloatArray:
+    """Direction across the forearm that points up (N, 3), defined for vertical forearms as well; world frame."""
+    q_w = arm.right_arm_q_w[:, ELBOW]
+    up_w = constant_like(UP, q_w) + UPPER_SIDE_WEIGHT * transforms.rotate(q_w, constant_like(UPPER_SIDE, q_w))
+    along_w = transforms.rotate(q_w, constant_like(UP, q_w))
+    return transforms.normalize(up_w - along_w * (up_w * along_w).sum(axis=-1)[:, None])
+
+
+def to_armrest_m(arm: RightArm) -> FloatArray:
+    """What the lifted point lacks to the person's left and up (N, 2), from zero."""
+    pos_w = lifted_pos_w(arm)
+    xp = namespace(pos_w)
+    way = xp.stack([RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_M - pos_w[:, 2]], axis=-1)
+    return xp.maximum(way, xp.zeros_like(way))
+
+
+def returned_share(arm: RightArm) -> FloatArray:
+    """Share (N,) of the forearm's length that is above the armrest, or above the seat next to it."""
+    xp = namespace(arm.right_arm_pos_w)
+    above = [_is_above(along_forearm_w(arm, float(share))) for share in SAMPLES]
+    return xp.stack(above, axis=-1).sum(axis=-1) / float(len(SAMPLES))
+
+
+def _is_above(pos_w: FloatArray) -> BoolArray:
+    """Whether points (N, 3) are above the armrest or farther left, and not in front of it."""
+    beside = pos_w[:, 0] < RESTING_X_M - ARMREST_HALF_WIDTH_M
+    return ~beside & (pos_w[:, 1] > ARMREST_FRONT_Y_M) & (pos_w[:, 2] > ARMREST_TOP_M)

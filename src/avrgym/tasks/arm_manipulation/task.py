@@ -1,0 +1,123 @@
+"""Arm manipulation: scene, initial states, observation and the task record."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.models import human
+from avrgym.models.compliance import effort_limit
+from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
+from avrgym.models.human import JOINTS, People
+from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.scene import SceneConfig
+from avrgym.models.scooper import SCOOPER
+from avrgym.people.distributions import Pose
+from avrgym.simulation.worlds import MAX_LEAD_RAD, RightArm, Start
+from avrgym.tasks import observation as seen
+from avrgym.tasks import placement
+from avrgym.tasks.arm_manipulation.expert import BEFORE_M, TOUCHING_M, cradling_q_w, heading_w, lifting
+from avrgym.tasks.arm_manipulation.reward import (
+    RESTING_M,
+    RESTING_X_M,
+    WEIGHTS,
+    evaluate_step,
+    init_state,
+    lifted_pos_w,
+    upwards_w,
+)
+from avrgym.tasks.observation import Observation, from_goal, position
+from avrgym.tasks.person import ARM_SPREAD_RAD
+from avrgym.tasks.task import Task, View, Views
+
+POSE = Pose(
+    rest_rad=human.joint_angles(right_shoulder_y=38.0, right_shoulder_x=10.0, right_elbow_x=-55.0),
+    spread_rad=0.5 * ARM_SPREAD_RAD,
+)
+"""Seated, the upper arm outside the armrest, the forearm hanging; each joint of the arm within ±5°."""
+LIMP_STRENGTH_SHARE = {
+    **{joint: 0.03 for joint in JOINTS if joint.startswith("right_")},
+    "right_shoulder_y": 0.005,
+    "right_elbow_x": 0.015,
+}
+"""Share of their strength with which people hold the fallen arm: 1.8 N m at the shoulder, 0.6 N m at the elbow."""
+START_SPREAD_M = 0.03
+MIN_TORQUE_N_M = 3.0
+"""Least torque limit of an arm's weakest motor that can lift the forearm."""
+
+
+def scene(robot: Robot) -> SceneConfig:
+    """The wheelchair; the robot's left arm holds the scooper, by the grip of the scratcher if it has no other.
+
+    Raises:
+        UnsuitableError: if the robot has no such grip, arm or mount, or a motor is too weak.
+    """
+    if "scratcher" in robot.grips:
+        robot = replace(robot, grips={SCOOPER.name: robot.grips["scratcher"], **robot.grips})
+    found = placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
+    weakest_n_m = effort_limit(found.arm, MAX_LEAD_RAD).min()
+    if weakest_n_m < MIN_TORQUE_N_M:
+        raise UnsuitableError(
+            f"a motor of {robot.name} has {weakest_n_m:.1f} N m; allowed: {MIN_TORQUE_N_M:g} N m or more"
+        )
+    return found
+
+
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+    """Scooper within ±3 cm of a point below the forearm. The base also reaches the forearm's way to the armrest."""
+    xp = namespace(uniforms)
+    pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM)
+    arm = RightArm(*(xp.stack([part[name] for name in human.RIGHT_ARM], axis=1) for part in (pos_w, q_w)))
+    lifted_w, up_w = lifted_pos_w(arm), upwards_w(arm)
+    spread_m = START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = (
+        lifted_w - (TOUCHING_M + BEFORE_M) * up_w + spread_m,
+        cradling_q_w(arm, heading_w(scene)),
+    )
+    height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_M + RESTING_M - TOUCHING_M)
+    over_armrest = xp.full_like(height, RESTING_X_M)
+    goals_w = xp.stack(
+        [xp.stack([x, lifted_w[:, 1], height], axis=-1) for x in (lifted_w[:, 0], over_armrest)], axis=1
+    )
+    level = constant_like(np.array([1.0, 0.0, 0.0, 0.0]), goals_w)
+    goals_q_w = xp.tile(level, (*goals_w.shape[:2], 1))
+    return placement.placed_start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
+
+
+def observation(scene: SceneConfig) -> Observation:
+    """Scooper, forearm and both arms."""
+    return Observation(
+        (
+            seen.TOOL_FROM_TORSO,
+            seen.TOOL_ROTATION,
+            from_goal("tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_pos_w(state)),
+            position("across_forearm", lambda state, _: upwards_w(state)),
+            seen.joint_positions(scene),
+            *seen.RIGHT_ARM_FROM_TORSO,
+            seen.TOOL_FORCE,
+        )
+    )
+
+
+ARM_MANIPULATION = Task(
+    name="ArmManipulation",
+    goal="Get your right arm lifted back onto the armrest.",
+    pose=POSE,
+    offered="arm",
+    strength_share=LIMP_STRENGTH_SHARE,
+    scene=scene,
+    num_uniforms=3 + placement.NUM_UNIFORMS,
+    start=start,
+    init_state=init_state,
+    observation=observation,
+    weights=WEIGHTS,
+    evaluate_step=evaluate_step,
+    expert=lifting,
+    feedback_expert=lifting,
+    views=Views(
+        mounted=View((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
+        on_floor=View((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),
+    ),
+    tracked=("head", "right"),
+)
