@@ -34,6 +34,7 @@ MOMENTS = {
     "ScratchItch": (6, 36),
     "BedBathing": (3, 90),
     "Dressing": (3, 34),
+    "ArmManipulation": (3, 45),
 }
 """By task, the seed of an episode and the control step at which it shows; ``MOMENT`` for others."""
 MOMENT = (3, 11)
@@ -63,9 +64,11 @@ BYSTANDERS = {
     ("Drinking", "Jaco"): beside((0.75, -1.75, 1.45), (-0.08, -0.10, 0.82)),
     ("ScratchItch", "Jaco"): beside((-0.75, -1.85, 1.45), (-0.15, -0.10, 0.80)),
     ("BedBathing", "Jaco"): beside((-1.05, -1.95, 1.75), (-0.20, -0.10, 0.78)),
+    ("ArmManipulation", "Jaco"): beside((-1.25, -1.75, 1.45), (-0.25, -0.10, 0.80)),
     ("Feeding", "PR2"): beside((0.85, -1.95, 1.55), (-0.25, -0.25, 0.85)),
     ("Drinking", "PR2"): beside((0.85, -2.00, 1.50), (-0.25, -0.15, 0.80)),
     ("ScratchItch", "PR2"): beside((0.35, -2.25, 1.55), (-0.30, -0.15, 0.82)),
+    ("ArmManipulation", "PR2"): beside((0.35, -2.25, 1.55), (-0.30, -0.15, 0.82)),
     ("BedBathing", "PR2"): beside((0.75, -2.15, 1.85), (-0.30, -0.15, 0.80)),
 }
 

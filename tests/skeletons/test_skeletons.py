@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.main import app
 from avrgym.skeletons import writing
 from avrgym.skeletons.writing import TEMPLATES, distribution, module
+from avrgym.tasks.constants import TASKS
 from helpers.system.example_package import avrgym, environment_variables, python
 
 SKELETONS = Path(writing.__file__).parent

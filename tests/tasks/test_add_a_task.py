@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.skeletons.writing import write_skeleton
+from avrgym.tasks.constants import TASKS
 from helpers.system.example_package import environment_variables, train_and_study
 from helpers.system.paths import ROOT
 

@@ -11,6 +11,7 @@ import pytest
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
+from avrgym.tasks import constants
 from avrgym.tasks.observation import Observation, position
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry
 from avrgym.tasks.task import StepResult, Task

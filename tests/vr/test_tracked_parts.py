@@ -17,6 +17,7 @@ from avrgym.people.population_names import IMPAIRMENTS, Impairment
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
 from avrgym.study.design.design import default_text, parse_design
+from avrgym.tasks import constants
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import TICK_S, Modality, Phase, Ready, State, Status, Tracking, XRPose

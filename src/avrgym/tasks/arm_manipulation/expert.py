@@ -22,8 +22,8 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.04, 0.4
-"""Depth of the scooper below the forearm's axis in contact, and what is added during a lateral approach from farther off
-the axis."""
+"""Depth of the scooper below the forearm's axis in contact, what is added while it is farther aside than ``FREE_M``,
+and the weight of offsets along the forearm in this distance."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03

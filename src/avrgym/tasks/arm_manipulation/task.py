@@ -7,14 +7,13 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
-from avrgym.models.compliance import effort_limit
 from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
 from avrgym.models.human import JOINTS, People
-from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scooper import SCOOPER
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import MAX_LEAD_RAD, RightArm, Start
+from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.arm_manipulation.expert import BEFORE_M, TOUCHING_M, cradling_q_w, heading_w, lifting
@@ -41,27 +40,22 @@ LIMP_STRENGTH_SHARE = {
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
 }
-"""Share of their strength with which people hold the fallen arm: 1.8 N m at the shoulder, 0.6 N m at the elbow."""
-START_SPREAD_M = 0.03
-MIN_TORQUE_N_M = 3.0
-"""Least torque limit of an arm's weakest motor that can lift the forearm."""
+"""Share of their strength with which people hold the fallen arm. It stands for the weight, which the model compensates:
+0.75 N m at the elbow, 1.8 N m against swinging the upper arm forwards, little against lowering it to the body (assumption).
+"""
+START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
+"""Spread of the scooper's start, and the position at which it is clear of the wheel."""
 
 
 def scene(robot: Robot) -> SceneConfig:
     """The wheelchair; the robot's left arm holds the scooper, by the grip of the scratcher if it has no other.
 
     Raises:
-        UnsuitableError: if the robot has no such grip, arm or mount, or a motor is too weak.
+        UnsuitableError: if the robot has no such grip, arm or mount.
     """
     if "scratcher" in robot.grips:
         robot = replace(robot, grips={SCOOPER.name: robot.grips["scratcher"], **robot.grips})
-    found = placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
-    weakest_n_m = effort_limit(found.arm, MAX_LEAD_RAD).min()
-    if weakest_n_m < MIN_TORQUE_N_M:
-        raise UnsuitableError(
-            f"a motor of {robot.name} has {weakest_n_m:.1f} N m; allowed: {MIN_TORQUE_N_M:g} N m or more"
-        )
-    return found
+    return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
@@ -70,12 +64,12 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM)
     arm = RightArm(*(xp.stack([part[name] for name in human.RIGHT_ARM], axis=1) for part in (pos_w, q_w)))
     lifted_w, up_w = lifted_pos_w(arm), upwards_w(arm)
-    spread_m = START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = (
-        lifted_w - (TOUCHING_M + BEFORE_M) * up_w + spread_m,
-        cradling_q_w(arm, heading_w(scene)),
-    )
     height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_M + RESTING_M - TOUCHING_M)
+    spread_m = START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = lifted_w - (TOUCHING_M + BEFORE_M) * up_w, cradling_q_w(arm, heading_w(scene))
+    tool_w = spread_m + xp.stack(
+        [xp.minimum(tool_w[:, 0], 0.0 * height + BESIDE_WHEEL_X_M), tool_w[:, 1], tool_w[:, 2]], axis=-1
+    )
     over_armrest = xp.full_like(height, RESTING_X_M)
     goals_w = xp.stack(
         [xp.stack([x, lifted_w[:, 1], height], axis=-1) for x in (lifted_w[:, 0], over_armrest)], axis=1
