@@ -102,7 +102,12 @@ TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
         "learning_rate": 1e-4,
         "force_weight_per_n": 0.0,
     },
-    "ArmManipulation": {"imitation_rounds": 24, "log_std": (-2.5, -3.0), "learning_rate": 1e-4},
+    "ArmManipulation": {
+        "imitation_rounds": 12,
+        "imitation_share": 1.0,
+        "log_std": (-2.5, -3.0),
+        "learning_rate": 1e-4,
+    },
 }
 """Values that differ from the defaults, by task. Tasks of other packages define theirs in ``Task.hyperparameters``."""
 

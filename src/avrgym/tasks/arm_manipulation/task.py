@@ -40,9 +40,8 @@ LIMP_STRENGTH_SHARE = {
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
 }
-"""Share of their strength with which people hold the fallen arm. It stands for the weight, which the model compensates:
-0.75 N m at the elbow, 1.8 N m against swinging the upper arm forwards, little against lowering it to the body (assumption).
-"""
+"""Share of their strength with which people hold the fallen arm. It stands for the weight, which the model compensates
+(assumption): 0.75 N m at the elbow, 1.8 N m against swinging the upper arm, 0.3 N m against lowering it to the body."""
 START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
 """Spread of the scooper's start, and the position at which it is clear of the wheel."""
 
