@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from avrgym.tasks.constants import TASKS
+from avrgym.tasks.constants import ROBOTS, TASKS
 from helpers.browser.glb import GlbFile
 from helpers.system.example_package import avrgym, environment_variables, install, python, train_and_study
 from helpers.system.paths import ROOT

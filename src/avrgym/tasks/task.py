@@ -283,13 +283,15 @@ _FUNCTIONS = (
 
 def joint_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
     """``Task.strength_share`` of each joint (20,)."""
-    by_joint = dict.fromkeys(JOINTS, strength_share) if isinstance(strength_share, float) else strength_share
-    return np.array([by_joint.get(name, 1.0) for name in JOINTS])
+    if isinstance(strength_share, Mapping):
+        return np.array([strength_share.get(name, 1.0) for name in JOINTS])
+    return np.full(len(JOINTS), strength_share)
 
 
 def _is_strength_share(strength_share: float | Mapping[str, float]) -> bool:
-    known = isinstance(strength_share, float) or strength_share.keys() <= JOINTS.keys()
-    shares = joint_shares(strength_share) if known else np.zeros(1)
+    if isinstance(strength_share, Mapping) and not strength_share.keys() <= JOINTS.keys():
+        return False
+    shares = joint_shares(strength_share)
     return bool(((shares > 0.0) & (shares <= 1.0)).all())
 
 
