@@ -287,4 +287,4 @@ def test_a_pair_of_groups_is_estimated_against_each_other_only_if_both_are_there
     found = estimate_effects(DESIGN, ORDINAL, observed, [Effect(POLICIES, "revised", "original")])
     (reason,) = found.values()
     assert isinstance(reason, FitError)
-    assert str(reason) == "these trials do not identify this effect"
+    assert str(reason) == "the effect is not identifiable from these trials"

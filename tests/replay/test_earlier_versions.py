@@ -39,6 +39,6 @@ def test_a_recording_of_another_world_version_is_refused(version: int) -> None:
     recording = read_recording(OLD_RECORDING)
     other = with_configuration(recording, world_version=version)
     with pytest.raises(
-        ReplayError, match=f"made in version {version} of the simulated world; this release simulates"
+        ReplayError, match=f"has version {version} of the simulated world; this release simulates"
     ):
         verify(other)

@@ -256,7 +256,7 @@ def test_the_command_tells_what_agreed_or_differs(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda r: with_configuration(r, bodies=("a",)), "bodies of its scene have changed"),
+        (lambda r: with_configuration(r, bodies=("a",)), "bodies of the recorded scene have changed"),
         (
             lambda r: with_configuration(r, start=msgspec.structs.replace(r.configuration.start, memory={})),
             "lacks",
@@ -297,9 +297,9 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
         ((tmp_path / "text.mcap",), "give one of the .mcap files that `avrgym serve` writes"),
         ((tmp_path / "study",), "study: a folder; give one of the .mcap files"),
-        ((incomplete, "--verify"), f"{incomplete}: it is truncated before its first state"),
-        ((paths[-1], "--first-person"), "goes with --video, --gif or --frames"),
-        ((paths[-1], "--frames", 4), "go together"),
+        ((incomplete, "--verify"), f"{incomplete}: the recording is truncated before its first state"),
+        ((paths[-1], "--first-person"), "needs --video, --gif or --frames"),
+        ((paths[-1], "--frames", 4), "must be given together"),
         ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),
         ((paths[-1], "--video", tmp_path / "video.avi"), ".mp4"),
         ((paths[-1], "--frames", 4, "--out", tmp_path / "strip.gif"), ".png or .jpg"),

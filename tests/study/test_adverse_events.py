@@ -105,7 +105,7 @@ def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> Non
         ("sub-001", {"trial": 9}, None, "there is no trial 9 of sub-001"),
         ("sub-002", {}, 1, "there is no adverse event 1 of sub-002"),
         ("sub-001", {"description": ""}, None, "the description is empty"),
-        ("sub-001", {"action": "x" * 201}, None, "the action is 201 characters long; allowed: 200"),
+        ("sub-001", {"action": "x" * 201}, None, "the action is 201 characters long; allowed: at most 200"),
         (
             "sub-001",
             {"began_at": "2026-11-27T14:30:00"},

@@ -150,7 +150,7 @@ def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_pat
     assert "was stored in the database" in frozen.origin_text
     with Store(late) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
-    assert "has taken part already" in study("freeze", late).output
+    assert "has already taken part" in study("freeze", late).output
     assert not frozen_plan(late).is_confirmatory
 
 

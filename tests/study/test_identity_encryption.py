@@ -264,7 +264,7 @@ def test_leftover_plain_file_is_removed(old: Path) -> None:
 def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-    assert "must be typed on a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
+    assert "must be entered in a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
     monkeypatch.setenv(PASSPHRASE, SECRET)
     assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
     identity_keys._given.clear()

@@ -156,7 +156,7 @@ def test_plan_cannot_be_frozen_after_the_first_participant(tmp_path: Path) -> No
     for arguments in ([], ["--template"], ["--export", "osf"]):
         refused = study("freeze", folder, *arguments)
         assert refused.exit_code == 1
-        assert "sub-001 has taken part already" in refused.stderr
+        assert "sub-001 has already taken part" in refused.stderr
     assert not (folder / FROZEN).exists()
     assert "frozen" not in study("status", folder).stdout
 

@@ -243,7 +243,7 @@ def test_withdrawal_ends_attempt_and_session(store: Store) -> None:
 def test_session_rejects_actions_out_of_order(store: Store) -> None:
     pseudonym, other = enrol_with_consent(store), enrol_with_consent(store)
     session = open_session(store, pseudonym)
-    refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there first")
+    refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it at that station first")
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
     refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
     refused(store, lambda: add_note(store, other, "x", session.id), "is not a session of sub-002")

@@ -91,5 +91,5 @@ def _new_passphrase(folder: Path) -> str:
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():
-        raise RuntimeError("a new passphrase must be typed on a terminal; nothing was changed")
+        raise RuntimeError("a new passphrase must be entered in a terminal; nothing was changed")
     return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

@@ -112,7 +112,7 @@ def _store_evidence(
     record = store.folder / FROZEN
     if not record.exists():
         raise StudyError(
-            f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` freezes it"
+            f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` creates one"
         )
     if timestamp is not None:
         stamp = store_time_stamp(store.folder, timestamp.read_bytes(), record.read_bytes())

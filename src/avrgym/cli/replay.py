@@ -73,15 +73,15 @@ def replay(
     """
     with plain_errors():
         if (frames is None) != (out is None):
-            raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
+            raise ValueError("--frames and --out must be given together, such as --frames 4 --out strip.png")
         if json_file is not None and verify == regions:
-            raise ValueError("--json needs --verify or --regions, not both")
+            raise ValueError("--json needs either --verify or --regions")
         if first_person and video is None and gif is None and frames is None:
             raise ValueError(
-                "--first-person goes with --video, --gif or --frames; on the page V changes the view"
+                "--first-person needs --video, --gif or --frames; on the page, V changes the view"
             )
         if compare is not None and html is None:
-            raise ValueError("--compare goes with --html, as in --html both.html --compare OTHER")
+            raise ValueError("--compare needs --html, such as --html both.html --compare OTHER")
         check_json(json_file)
         with _with_file_name(file):
             recording = _read(file)

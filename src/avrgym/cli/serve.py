@@ -147,14 +147,21 @@ def serve(
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
-                raise ValueError(f"in a study force_guard in {study / 'study.toml'} says it, and no option")
+                raise ValueError(
+                    f"no option sets the force guard of a study; set force_guard in {study / 'study.toml'}"
+                )
             if choice != stream_choice(False, []):
-                raise ValueError(f"in a study [streams] in {study / 'study.toml'} says it, and no option")
+                raise ValueError(
+                    f"options cannot set a study's streams; set [streams] in {study / 'study.toml'}"
+                )
             if settings or allow_other_settings:
-                raise ValueError(f"in a study [settings] in {study / 'study.toml'} says it, and no option")
+                raise ValueError(
+                    f"options cannot set a study's settings; set [settings] in {study / 'study.toml'}"
+                )
             if language:
                 raise ValueError(
-                    f"in a study languages in {study / 'study.toml'} and enrolment say it, and no option"
+                    f"options cannot set a study's language; set languages in {study / 'study.toml'}, "
+                    "and choose one at enrolment"
                 )
             _serve_study(study, participant, furniture, workers, address, port, certificate, check=check)
             return

@@ -64,7 +64,7 @@ class Playback:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
         """
         if not recording.topics["/physics"]:
-            raise ReplayError("it is truncated before its first state")
+            raise ReplayError("the recording is truncated before its first state")
         self.recording = recording
         _check_world_version(recording)
         try:
@@ -139,13 +139,17 @@ class Playback:
 
     def _finished_step(self, time_s: float) -> ControlStep:
         if self._step is None:
-            raise ReplayError(f"its control step at {time_s:.2f} s does not end at a tick of the trial")
+            raise ReplayError(
+                f"the recorded control step at {time_s:.2f} s does not end at a tick of the trial"
+            )
         return self._step
 
     def act(self, observation: FloatArray) -> FloatArray:
         """The recorded action (1, J) of the control step."""
         if self._action is None:
-            raise ReplayError(f"it contains no commands to the robot: {version_text(self.recording)}")
+            raise ReplayError(
+                f"the recording contains no commands to the robot: {version_text(self.recording)}"
+            )
         self._action_is_new = False
         return self._action
 
@@ -236,8 +240,8 @@ def _check_world_version(recording: Recording) -> None:
     version = recording.configuration.world_version
     if version != WORLD_VERSION:
         raise ReplayError(
-            f"it was made in version {version} of the simulated world; this release simulates version {WORLD_VERSION}: "
-            f"{version_text(recording)}"
+            f"the recording has version {version} of the simulated world; this release simulates "
+            f"version {WORLD_VERSION}: {version_text(recording)}"
         )
 
 
@@ -248,5 +252,5 @@ def _check_names(configuration: Configuration, episodes: Episodes) -> None:
     ):
         if recorded != now:
             raise ReplayError(
-                f"the {kind} of its scene have changed: {', '.join(sorted({*now} ^ {*recorded}))}"
+                f"the {kind} of the recorded scene have changed: {', '.join(sorted({*now} ^ {*recorded}))}"
             )

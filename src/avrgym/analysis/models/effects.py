@@ -66,7 +66,7 @@ class DesignMatrix:
             if group in self.groups:
                 weights[self.groups.index(group)] = sign
             elif group not in self.reference_groups:
-                raise FitError("these trials do not identify this effect")
+                raise FitError("the effect is not identifiable from these trials")
         return weights
 
 

@@ -18,7 +18,7 @@ from avrgym.array_types import FloatArray, IntArray
 
 MAX_ITERATIONS = 60
 TOLERANCE = 1e-12
-NOT_IDENTIFIED = "the values do not identify all effects"
+NOT_IDENTIFIED = "not all effects are identifiable from the values"
 MAX_LOG_ODDS = 12.0
 """Larger effects (in log odds) count as unbounded: the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0

@@ -99,7 +99,9 @@ def simulate_power(
     """
     for effect in effects:
         if not 0 < effect < SCALE_POINTS:
-            raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {SCALE_POINTS}")
+            raise ValueError(
+                f"an effect is {effect:g} points; allowed: more than 0, less than {SCALE_POINTS}"
+            )
     SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
     chunks = [

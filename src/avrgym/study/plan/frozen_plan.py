@@ -105,7 +105,7 @@ def adopt_plan(store: Store) -> PlanRecord:
     try:
         record = msgspec.json.decode(data, type=PlanRecord)
     except ValueError as error:
-        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; restore a copy") from None
+        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; restore a backup") from None
     with store.write() as connection:
         _check_nobody_took_part(connection)
         record_event(connection, PLAN_ADOPTED, sha256(data), {})
@@ -141,7 +141,7 @@ def _check_nobody_took_part(connection: sa.Connection) -> None:
     taken += [each.number for each in find_all(connection, Tombstone)]
     if taken:
         raise StudyError(
-            f"{pseudonym_of(min(taken))} has taken part already: a plan must be frozen before the first participant; "
+            f"{pseudonym_of(min(taken))} has already taken part: a plan must be frozen before the first participant; "
             "use a new study (dry runs need a separate folder)"
         )
 

@@ -23,7 +23,7 @@ def check_note(text: str, what: str = "the note") -> None:
 
 def _check(what: str, text: str, most: int, allowed: str) -> None:
     if len(text) > most:
-        raise StudyError(f"{what} is {len(text)} characters long; allowed: {most}")
+        raise StudyError(f"{what} is {len(text)} characters long; allowed: at most {most}")
     if not all(character in allowed or _is_writable(character) for character in text):
         raise StudyError(f"{what} contains control characters; allowed: printable text")
 

@@ -74,7 +74,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
     if passphrase is None:
         raise KeyUnavailable(
             f"the names are encrypted with a passphrase: set {PASSPHRASE}, or run `avrgym study` in a terminal and "
-            "type it. Nothing was changed"
+            "enter it. Nothing was changed"
         )
     if create:
         check_passphrase(passphrase)

@@ -56,7 +56,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
         for session in own:
             if session.state == "open" and not take_over and may_be_running(store, session):
                 raise StudyError(
-                    f"{session} is open at {session.station} since {session.opened_at}; close it there first"
+                    f"{session} is open at {session.station} since {session.opened_at}; close it at that station first"
                 )
         end_open_sessions(store, connection, participant, attempts="interrupted", sessions="interrupted")
         return _insert_session(store, connection, participant, len(own) + 1)

@@ -50,9 +50,7 @@ def _key_in(folder: Path) -> Ed25519PrivateKey:
         _make_key(path)
     key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     if not isinstance(key, Ed25519PrivateKey):
-        raise ValueError(
-            f"{path} does not contain an Ed25519 key; restore a backup, or remove it to create a new key"
-        )
+        raise ValueError(f"{path} does not contain an Ed25519 key; restore a backup of the file")
     return key
 
 

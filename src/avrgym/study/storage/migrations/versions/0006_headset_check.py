@@ -5,4 +5,4 @@ down_revision = None
 
 
 def upgrade() -> None:
-    raise NotImplementedError("databases from before 0.2.0 were never released")
+    raise NotImplementedError("databases from before 0.2.0 cannot be upgraded")
