@@ -148,7 +148,7 @@ def serve(
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
                 raise ValueError(
-                    f"no option sets the force guard of a study; set force_guard in {study / 'study.toml'}"
+                    f"options cannot set a study's force guard; set force_guard in {study / 'study.toml'}"
                 )
             if choice != stream_choice(False, []):
                 raise ValueError(

@@ -98,16 +98,16 @@ def _succeeds(*command: str) -> bool:
     return subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False).returncode == 0
 
 
-def check_certificate(wanted: Certificate) -> Finding:
+def check_certificate(expected: Certificate) -> Finding:
     """Check that the certificate of --lan is valid and its key private."""
-    if not wanted.certificate_file.exists():
-        return ok(f"none yet; --lan creates one in {wanted.certificate_file.parent}")
-    if any(exposed_paths(wanted.key_file)):
-        return warning(f"other users can read {wanted.key_file}", f"chmod 600 '{wanted.key_file}'")
-    reason = reason_to_renew(wanted)
+    if not expected.certificate_file.exists():
+        return ok(f"none yet; --lan creates one in {expected.certificate_file.parent}")
+    if any(exposed_paths(expected.key_file)):
+        return warning(f"other users can read {expected.key_file}", f"chmod 600 '{expected.key_file}'")
+    reason = reason_to_renew(expected)
     if reason is not None:
         return warning(
-            f"{wanted.certificate_file}: {reason}",
+            f"{expected.certificate_file}: {reason}",
             "nothing to do: --lan creates a new one, and each headset asks again whether to trust it",
         )
-    return ok(f"{wanted.certificate_file}")
+    return ok(f"{expected.certificate_file}")

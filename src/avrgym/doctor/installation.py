@@ -16,24 +16,26 @@ SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
 """Packages with printed versions, for bug reports."""
 
 
-def check_python(running: str, asked: str | None = None) -> Finding:
-    """Check the Python version against AVR Gym's requirement, or against ``asked``, such as ``>=3.11``."""
-    wanted = asked or metadata("avrgym")["Requires-Python"]
-    if SpecifierSet(wanted).contains(running, prereleases=True):
-        return ok(f"{running} on {platform.system()} {platform.machine()}")
+def check_python(installed: str, requirement: str | None = None) -> Finding:
+    """Check the Python version against AVR Gym's requirement, or against ``requirement``, such as ``>=3.11``."""
+    required = requirement or metadata("avrgym")["Requires-Python"]
+    if SpecifierSet(required).contains(installed, prereleases=True):
+        return ok(f"{installed} on {platform.system()} {platform.machine()}")
     return error(
-        f"{running}; AVR Gym requires {wanted}",
+        f"{installed}; AVR Gym requires {required}",
         "create a virtual environment with a newer Python and install AVR Gym there",
     )
 
 
-def check_packages(wanted: Sequence[Requirement]) -> Finding:
+def check_packages(requirements: Sequence[Requirement]) -> Finding:
     """Check that the installed packages meet requirements such as ``numpy>=2.0``."""
-    unmet = [each for each in wanted if _conflicting_version(each) is not None]
+    unmet = [each for each in requirements if _conflicting_version(each) is not None]
     if unmet:
         return error(_list_unmet(unmet), _install(unmet))
-    shown = ", ".join(f"{each.name} {version(each.name)}" for each in wanted if each.name in SHOWN_PACKAGES)
-    return ok(f"{len(wanted)} packages meet their requirements; {shown}")
+    shown = ", ".join(
+        f"{each.name} {version(each.name)}" for each in requirements if each.name in SHOWN_PACKAGES
+    )
+    return ok(f"{len(requirements)} packages meet their requirements; {shown}")
 
 
 def requirements_of(extra: str = "") -> list[Requirement]:
@@ -61,17 +63,19 @@ def _applies(needed: Requirement, extra: str) -> bool:
     return needed.marker is None or needed.marker.evaluate({"extra": extra})
 
 
-def check_extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """List the installed extras. ``wanted``: each extra's requirements. A conflicting version is a warning."""
-    wrong = [each for asked in wanted.values() for each in asked if _conflicting_version(each)]
+def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
+    """List the installed extras. ``requirements``: each extra's requirements. A conflicting version is a warning."""
+    wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
-    there = [
-        name for name, asked in wanted.items() if all(_conflicting_version(each) is None for each in asked)
+    installed = [
+        name
+        for name, required in requirements.items()
+        if all(_conflicting_version(each) is None for each in required)
     ]
-    missing = [name for name in wanted if name not in there]
+    missing = [name for name in requirements if name not in installed]
     without = f"; `pip install 'avrgym[{','.join(missing)}]'` installs the others" if missing else ""
-    return ok(f"installed: {', '.join(there) or 'none'}{without}")
+    return ok(f"installed: {', '.join(installed) or 'none'}{without}")
 
 
 def check_client() -> Finding:
@@ -92,13 +96,13 @@ def check_plugins() -> Finding:
     return ok("all plug-ins can be loaded")
 
 
-def _conflicting_version(wanted: Requirement) -> str | None:
+def _conflicting_version(requirement: Requirement) -> str | None:
     """The installed version if it conflicts; "" if the package is missing; ``None`` without a conflict."""
     try:
-        found = version(wanted.name)
+        found = version(requirement.name)
     except PackageNotFoundError:
         return ""
-    return None if wanted.specifier.contains(found, prereleases=True) else found
+    return None if requirement.specifier.contains(found, prereleases=True) else found
 
 
 def _list_unmet(unmet: Iterable[Requirement]) -> str:

@@ -61,20 +61,20 @@ def _user() -> str:
 
 def oversleep_s() -> float:
     """Median excess duration of a sleep of one tick, in seconds."""
-    late: list[float] = []
+    excesses_s: list[float] = []
     for _ in range(SLEEP_COUNT):
         began = time.monotonic()
         time.sleep(TICK_S)
-        late.append(time.monotonic() - began - TICK_S)
-    return median(late)
+        excesses_s.append(time.monotonic() - began - TICK_S)
+    return median(excesses_s)
 
 
-def check_timer(late_s: float) -> Finding:
+def check_timer(excess_s: float) -> Finding:
     """Check that the excess duration of sleeps allows ticks of 10 ms."""
-    told = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * late_s:.1f} ms too long"
-    if late_s <= OVERSLEEP_SHARE * TICK_S:
-        return ok(told)
-    return warning(told, "close other programs, and set the computer to its highest performance")
+    text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
+    if excess_s <= OVERSLEEP_SHARE * TICK_S:
+        return ok(text)
+    return warning(text, "close other programs, and set the computer to its highest performance")
 
 
 def check_cpu_idle_states(
@@ -125,11 +125,11 @@ def check_free_space(folder: Path) -> Finding:
 def check_free_bytes(free_bytes: int) -> Finding:
     """Check that a number of free bytes is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
-    told = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
+    text = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"
     if trials < VERY_FEW_TRIALS:
-        return error(told, fix)
-    return warning(told, fix) if trials < FEW_TRIALS else ok(told)
+        return error(text, fix)
+    return warning(text, fix) if trials < FEW_TRIALS else ok(text)
 
 
 def _existing_parent(folder: Path) -> Path:

@@ -11,7 +11,7 @@ LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
 """Libraries for rendering without a screen, and their names in MuJoCo. The first installed library is used."""
 PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
 COMMON_BACKENDS = ("glfw", "off")
-OTHER_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
+OTHER_ACCEPTED_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
 """Other values of ``MUJOCO_GL`` that MuJoCo accepts."""
 RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
@@ -36,7 +36,7 @@ def check_rendering_backend() -> None:
     """Raise ``ValueError`` if MuJoCo cannot be imported with the value of ``MUJOCO_GL``."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
-    if asked not in (*allowed, *OTHER_VALUES):
+    if asked not in (*allowed, *OTHER_ACCEPTED_VALUES):
         raise ValueError(
             f"MUJOCO_GL={asked} in the environment is unknown; allowed: {', '.join(allowed)}, or unset it"
         )
