@@ -217,7 +217,10 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
-    """The range of torso heights of one sex; with fewer than two participants of it, of both sexes."""
+    """The range of torso heights of one sex.
+
+    With fewer than two participants of this sex, all participants are used.
+    """
     own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _participant_means((t.participant, t.torso_height_m) for t in trials)
     low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)

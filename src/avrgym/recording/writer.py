@@ -61,10 +61,7 @@ class RecordingWriter:
 
     @property
     def error(self) -> Exception | None:
-        """The error that prevents a complete recording, or ``None``.
-
-        A ``TimeoutError`` may end, other errors are final.
-        """
+        """The error that prevents a complete recording, or ``None``. Only a ``TimeoutError`` is temporary."""
         silent_s = time.monotonic() - self._alive_at
         if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
             return TimeoutError(f"{self.path}: the disk has accepted no data for {silent_s:.1f} s")

@@ -211,7 +211,7 @@ def movement_end_s(recording: Recording) -> float:
 
 
 def driven_span_s(recording: Recording) -> tuple[float, float]:
-    """Start and end time of the robot's control steps; without any, of the whole recording."""
+    """Start and end time of the robot's control steps. Without control steps, start and end time of the recording."""
     starts = [time_s for time_s, name in phases(recording) if name == "trial"]
     control = recording.topics["/control"]
     if not starts or not control:

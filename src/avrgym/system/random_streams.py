@@ -61,7 +61,7 @@ def imitation(seed: int, update: int) -> Generator:
 
 
 def hard_episodes(seed: int, steps: int) -> Generator:
-    """Seeds of the episodes in one update of a feed-forward policy: new episodes and repeated ones."""
+    """Seeds of the new and the repeated episodes in one update of a feed-forward policy."""
     return default_rng([seed, 3, steps])
 
 

@@ -124,7 +124,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Torso height of each participant in metres, the median over trials; with ``sex``, only of that sex."""
+    """Torso height of each participant (or of each participant of one ``sex``) in metres, the median over trials."""
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)

@@ -110,8 +110,8 @@ class ObjectiveRow(SimulationResult, Outcome):
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
     """A row for each condition, and for each robot and policy over all tasks.
 
-    People and simulated participants have separate rows. Reward intervals use Student's t over trials, each of another
-    participant. Success intervals account for several trials of one participant.
+    People and simulated participants have separate rows. Reward intervals use Student's t over trials, with one trial
+    for each participant. Success intervals account for several trials of one participant.
     """
     design = store.design
     beside = {

@@ -69,7 +69,7 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """The designs of the analysed people; in a flow of simulated participants, theirs."""
+    """The designs of the analysed people; for a flow of simulated participants, the designs of these participants."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
@@ -342,5 +342,5 @@ def _deviations(analysis: Analysis) -> list[str]:
 
 
 def main_flow(analysis: Analysis) -> ParticipantFlow | None:
-    """The flow of people; in a study without people, of simulated participants; ``None`` without participants."""
+    """The flow of people, or of simulated participants if there are no people; ``None`` without participants."""
     return next(iter(analysis.flows), None)

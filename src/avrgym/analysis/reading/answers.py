@@ -1,4 +1,4 @@
-"""Read a participant's answers, select the counted ones, and compute scores."""
+"""Read a participant's answers, select the counted answers, and compute scores."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields

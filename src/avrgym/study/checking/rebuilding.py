@@ -374,7 +374,7 @@ def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
 
 
 def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
-    """The plan with practice robots and seeds of the recordings. Earlier versions sampled other ones."""
+    """The plan with the practice robots and seeds of the recordings, because earlier versions sampled other values."""
     recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(
         _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial

@@ -48,7 +48,7 @@ POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
-    """Findings about repeats of people's trials; in a study without people, of simulated participants' trials.
+    """Findings about repeats of people's trials; in a study without people, about all simulated participants.
 
     ``limit`` replaces the design's ``max_repeats``.
     """
@@ -65,7 +65,7 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
 
 
 def tested_trials(store: Store) -> list[AttemptedTrial]:
-    """The trials of people; in a study without people, of simulated participants."""
+    """The trials of people, or of simulated participants if there are no people."""
     simulated = is_simulated(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 

@@ -222,7 +222,7 @@ class LeftOut:
 def verified(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
-    """Split attempts into those with a complete, unchanged recording, and the others.
+    """Split attempts: first attempts with a complete, unchanged recording, then attempts that cannot be exported.
 
     ``progress``: called with the number of recordings read and their total number.
     """

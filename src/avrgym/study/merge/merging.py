@@ -84,7 +84,7 @@ def _own_files(store: Store) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class MergedSite:
-    """Result of merging one site: numbers of participants and recordings, and of new and deleted ones."""
+    """Result of merging one site: numbers of participants, recordings, new recordings and rows, and deleted participants."""
 
     site: str
     participants: int

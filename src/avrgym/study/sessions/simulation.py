@@ -62,7 +62,10 @@ class DryRun:
 
 
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
-    """Settings from the names of people and an impairment. Raises ``ValueError`` for an unknown name."""
+    """Settings of a dry run, from the names of a population and an impairment.
+
+    Raises ``ValueError`` for unknown names.
+    """
     return DryRun(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
 
 

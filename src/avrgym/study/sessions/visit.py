@@ -229,7 +229,7 @@ def has_remaining(store: Store, pseudonym: str) -> bool:
 
 
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
-    """All trials of a participant: first the completed trials, then the remaining ones."""
+    """All trials of a participant: first the completed trials, then the remaining trials."""
     remaining = store.remaining_trials(pseudonym)
     over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
     return over + remaining

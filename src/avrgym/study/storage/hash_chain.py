@@ -179,7 +179,7 @@ def primary_key(table: sa.Table) -> sa.Column[int]:
 
 
 def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
-    """Checksums of a table's rows by primary key; with ``keys``, only of these rows.
+    """Checksums of a table's rows by primary key. With ``keys``, only these rows are included.
 
     Columns without a value are ignored, because a later version may add columns.
     """
