@@ -84,7 +84,7 @@ def _own_files(store: Store) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class MergedSite:
-    """Result of merging one site: numbers of participants, recordings, new recordings and rows, and deleted participants."""
+    """Result of merging one site: numbers of participants, recordings, new data, and deleted participants."""
 
     site: str
     participants: int
