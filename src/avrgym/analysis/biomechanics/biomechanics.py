@@ -166,7 +166,7 @@ def _distribution(
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
     """Ranges of torso heights by sex, and of waist angles, over all participants.
 
-    Waist angles have two ranges: of the trials' means, and of all angles during trials.
+    There are two ranges of waist angles: the range of mean angles of trials, and the range of all angles during trials.
     """
     rows: list[RangeRow] = []
     for group in groups:

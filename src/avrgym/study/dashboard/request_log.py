@@ -87,7 +87,7 @@ class LiveLog(DashboardLog):
     """
 
     def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:
-        """``report`` is called with each error."""
+        """``report`` is a function that is called with each error message."""
         super().__init__(store)
         self._storing, self._report = storing, report
 

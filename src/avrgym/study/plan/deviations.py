@@ -114,7 +114,7 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
 def _compare(
     store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
-    """A change of the file as a whole, and its single differences from the frozen text."""
+    """Compare a file with its frozen text. Returns a message about the file (or ""), and all changed values."""
     path = store.folder / name
     if not path.is_file():
         return "is missing", []

@@ -196,7 +196,7 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
-    """Whether the merge accepted a difference between sites, and ``own`` contains all ``sessions`` of its sites."""
+    """Whether the merge accepted differences between sites, and ``own`` includes every session of its sites."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]
