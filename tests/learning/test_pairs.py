@@ -35,6 +35,8 @@ from helpers.learning.random_networks import random_network, save_network
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
+OFFERING = [name for name, (task, _) in ENVIRONMENTS.items() if TASKS[task].offered != "nothing"]
+"""Environments in which people have actions."""
 WORLDS = 2
 UPDATE = WORLDS * EPISODE_STEPS
 PAIR = FeedforwardConfiguration(
@@ -165,7 +167,7 @@ def test_agents_alternate_after_equal_numbers_of_updates(alternate):
 # The episodes
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("environment", OFFERING)
 def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypatch):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
@@ -190,7 +192,7 @@ def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypa
         assert len(np.unique(robot.actions)) > 1
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("environment", OFFERING)
 def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_path, monkeypatch):
     """The same start, the actions that the network says there, and the same worlds after them."""
     human = random_network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
@@ -345,7 +347,7 @@ def test_a_trained_human_contains_its_file_of_people(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("environment", OFFERING)
 def test_every_environment_trains_and_evaluates_a_pair(environment, tmp_path):
     few = replace(PAIR, environment=environment, num_envs=1, steps=EPISODE_STEPS, people="revised")
     policy = train(few, tmp_path)

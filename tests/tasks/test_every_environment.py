@@ -99,6 +99,8 @@ def depth(episodes: Episodes) -> float:
 def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     deepest = 0.0
     for contact in data.contact:
+        if min(contact.geom) < 0:  # of cloth
+            continue
         pair = {
             model.body(model.geom_bodyid[geom]).name.split("/")[0] for geom in (contact.geom1, contact.geom2)
         }
@@ -114,7 +116,8 @@ def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(
     half = episodes.scene.robot.half_width_m
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
     reach_w = pos_w[:, None] + transforms.rotate(q_w[:, None], corners)
-    assert (reach_w[..., 0] <= FURNITURE_EDGE_M[episodes.scene.posture] + 1e-9).all()
+    to_person = -np.sign(episodes.scene.mount.pos_w[0])
+    assert (to_person * reach_w[..., 0] <= FURNITURE_EDGE_M[episodes.scene.posture] + 1e-9).all()
     forward_w = transforms.rotate(q_w, [1.0, 0.0, 0.0])
-    assert (forward_w[:, 0] >= np.cos(np.radians(30.0)) - 1e-9).all()
+    assert (to_person * forward_w[:, 0] >= np.cos(np.radians(30.0)) - 1e-9).all()
     assert len(np.unique(pos_w.round(6), axis=0)) > 32
