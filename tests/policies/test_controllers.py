@@ -416,7 +416,7 @@ def test_a_broken_plugin_does_not_affect_others(monkeypatch: pytest.MonkeyPatch)
         EntryPoint("calm", "helpers.learning.failing_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),
     ]
-    monkeypatch.setattr(plugins, "entries", lambda group: found)
+    monkeypatch.setattr(plugins, "entry_points_of", lambda group: found)
     assert find("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
     with pytest.raises(
         PolicyError, match=r"broken = no_such_module:Thing: cannot be imported \(ModuleNotFound"
