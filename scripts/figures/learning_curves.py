@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.constants import PAPER_ENVIRONMENTS, TASKS
+from avrgym.tasks.constants import PAPER_ENVIRONMENTS, PAPER_TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
 """Colour and line style of each policy."""
@@ -20,7 +20,7 @@ STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
 def draw(path: Path) -> None:
     """Write the figure."""
     matplotlib.rcParams.update({"svg.hashsalt": "learning curves", "svg.fonttype": "none", "font.size": 9})
-    figure, axes = plt.subplots(2, len(TASKS), figsize=(11, 5), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(2, len(PAPER_TASKS), figsize=(11, 5), sharey=True, layout="constrained")
     for panel, environment in zip(axes.T.flat, PAPER_ENVIRONMENTS, strict=True):
         _draw_panel(panel, environment)
     next(panel for panel in axes.flat if panel.lines).legend(loc="lower right", frameon=False)
