@@ -6,6 +6,7 @@ import numpy as np
 from avrgym.models import collision_bits
 from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_skin, add_visual
 from avrgym.models.scratcher import RADIUS_M as HANDLE_RADIUS_M
+from avrgym.models.scratcher import SCRATCHER
 from avrgym.models.shapes import rounded_polyline, tube
 from avrgym.models.tools import Tool
 
@@ -47,4 +48,4 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     add_visual(body, CAPSULE, plastic, fromto=[-x, 0, 0, _HANDLE_END_M, 0, 0], size=[HANDLE_RADIUS_M, 0, 0])
 
 
-SCOOPER = Tool("scooper", _build_scooper, grip_pos=(GRIP_M, 0.0, 0.0), particles=None)
+SCOOPER = Tool("scooper", _build_scooper, grip_pos=(GRIP_M, 0.0, 0.0), particles=None, grip=SCRATCHER.name)

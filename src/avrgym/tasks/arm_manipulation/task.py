@@ -1,7 +1,5 @@
 """Arm manipulation: scene, initial states, observation and the task record."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from avrgym.array_types import FloatArray
@@ -47,13 +45,11 @@ START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """The wheelchair; the robot's left arm holds the scooper, by the grip of the scratcher if it has no other.
+    """The wheelchair; the robot's left arm holds the scooper.
 
     Raises:
-        UnsuitableError: if the robot has no such grip, arm or mount.
+        UnsuitableError: if the robot has no arm, mount or grip.
     """
-    if "scratcher" in robot.grips:
-        robot = replace(robot, grips={SCOOPER.name: robot.grips["scratcher"], **robot.grips})
     return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""The remote control that is handed over: one capsule, held by its end like the scratcher."""
+"""The remote control that is handed over: one capsule, held by its end with the grip of the scratcher."""
 
 import mujoco
 
@@ -20,4 +20,4 @@ def build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
         add_visual(body, CAPSULE, black, **shape)
 
 
-REMOTE = Tool("remote", build, grip_pos=(GRIP_M, 0.0, 0.0), particles=None)
+REMOTE = Tool("remote", build, grip_pos=(GRIP_M, 0.0, 0.0), particles=None, grip="scratcher")

@@ -1,6 +1,5 @@
 """Handover: scene, initial states, observation, expert and the task record."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +9,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture import add_wheelchair_without_right_armrest
 from avrgym.models.human import People
-from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import Start, State
@@ -33,12 +32,10 @@ GAP_M, SLOWEST_M_S = 0.065, 0.03
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """A wheelchair without its right armrest; the robot's left arm holds the remote control like a scratcher."""
-    if "scratcher" not in robot.grips:
-        raise UnsuitableError(f"{robot.name} has no grip 'scratcher', which holds the remote control too")
-    grips = {REMOTE.name: robot.grips["scratcher"], **robot.grips}
-    chair = add_wheelchair_without_right_armrest
-    return placement.wheelchair_scene(replace(robot, grips=grips), "left", REMOTE, (0.1, 0.0), chair=chair)
+    """A wheelchair without its right armrest; the robot's left arm holds the remote control."""
+    return placement.wheelchair_scene(
+        robot, "left", REMOTE, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
+    )
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
