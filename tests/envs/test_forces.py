@@ -82,12 +82,13 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
     scene = TASKS["Feeding"].scene(robot)
-    model = Simulation(scene, 1, num_threads=1).model
+    simulation = Simulation(scene, 1, num_threads=1)
+    model, lead = simulation.model, MAX_LEAD_RAD * simulation.units[: len(scene.arm.joints)]
     ranges = np.array([model.actuator(PREFIX + joint).forcerange for joint in scene.arm.joints])
-    limit = effort_limit(scene.arm, MAX_LEAD_RAD)
+    limit = effort_limit(scene.arm, lead)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
     assert (limit <= scene.arm.effort_limit).all()
-    assert (limit <= MAX_LEAD_RAD * scene.arm.stiffness).all()
+    assert (limit <= lead * scene.arm.stiffness).all()
 
 
 def test_who_trembles_presses_with_a_third_of_the_strength():

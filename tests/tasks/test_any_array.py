@@ -38,7 +38,9 @@ def rotations(rng: np.random.Generator, *shape: int) -> Any:
     return transforms.normalize(rng.normal(size=(WORLDS, *shape, 4)))
 
 
-def crowded_state(rng: np.random.Generator, joints: int, particles: int, vertices: int = 0) -> State:
+def crowded_state(
+    rng: np.random.Generator, joints: int, particles: int, vertices: int = 0, *, drives: bool = False
+) -> State:
     """Worlds in which all that matters is within centimetres, and some of it touches."""
     touching = rng.random((WORLDS, TOOL_CONTACTS)) < 0.5
     forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links", "cloth")}
@@ -49,7 +51,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int, vertice
     return State(
         robot_pos_w=around(rng),
         joint_positions=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
-        base_displacement=np.zeros((WORLDS, 0)),
+        base_displacement=rng.uniform(-0.3, 0.3, (WORLDS, 3 if drives else 0)),
         tool_pos_w=around(rng),
         tool_q_w=rotations(rng),
         pad_pos_w=around(rng),
@@ -112,7 +114,8 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     particles, vertices = (
         0 if part is None else len(part.bodies) for part in (scene.tool.particles, scene.tool.cloth)
     )
-    state = crowded_state(rng, joints, particles, vertices)
+    drives = scene.robot.drive is not None
+    state = crowded_state(rng, joints, particles, vertices, drives=drives)
     kept = task.init_state(
         people_from(rng.random((WORLDS, NUM_UNIFORMS)), "revised", "none", name),
         rng.random((WORLDS, task.num_uniforms)),
@@ -120,7 +123,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     if task.marks is not None:
         spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=TOOL_CONTACTS)]
         state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
-    return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, joints)), kept
+    return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, len(scene.action_names))), kept
 
 
 def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) -> None:

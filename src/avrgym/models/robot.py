@@ -95,6 +95,8 @@ class Mount:
         carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
             With the keyword ``mirrored`` it can be on the person's left.
         carrier_body: body of the carrier that moves with the base.
+        left_yaw_rad: base yaw on the person's left, for an arm that reaches to one side of its base. ``None``: the
+            mirrored yaw.
     """
 
     pos_w: tuple[float, float, float]
@@ -102,6 +104,7 @@ class Mount:
     base_range: BaseRange | None = None
     carrier: Furniture | None = None
     carrier_body: str | None = None
+    left_yaw_rad: float | None = None
 
     @property
     def on_floor(self) -> bool:
@@ -120,10 +123,13 @@ class Mount:
             if "mirrored" not in inspect.signature(carrier).parameters:
                 raise UnsuitableError("the carrier has no keyword mirrored; allowed: a robot on the floor")
             carrier = partial(carrier, mirrored=True)
+        yaw_rad = self.left_yaw_rad
+        if yaw_rad is None:
+            yaw_rad = float(np.remainder(2.0 * np.pi - self.yaw_rad, 2.0 * np.pi) - np.pi)
         return replace(
             self,
             pos_w=(-x, y, z),
-            yaw_rad=float(np.remainder(2.0 * np.pi - self.yaw_rad, 2.0 * np.pi) - np.pi),
+            yaw_rad=yaw_rad,
             base_range=None if self.base_range is None else self.base_range.mirrored(),
             carrier=carrier,
         )

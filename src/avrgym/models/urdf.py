@@ -23,7 +23,7 @@ from avrgym.models.geoms import add_material, add_visual
 
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
-ARMATURE_KG_M2 = 0.05
+ARMATURE_KG_M2, ARMATURE_KG = 0.05, 1.0
 """Motor inertia, which URDF does not contain. The value is that of the Jaco's wrist."""
 GREY = (0.75, 0.75, 0.77)
 ROOT = "world"
@@ -69,7 +69,7 @@ class Urdf:
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
         for joint in spec.joints:
-            joint.armature = ARMATURE_KG_M2
+            joint.armature = ARMATURE_KG if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else ARMATURE_KG_M2
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
             if not np.ptp(joint.range):
                 joint.range, joint.limited = TWO_TURNS_RAD, mujoco.mjtLimited.mjLIMITED_TRUE

@@ -42,7 +42,7 @@ GRIPS: Mapping[str, Grip] = {
         fingers=_closed(0.01),
     ),
     "scratcher": Grip(
-        pos=np.array([-0.01, 0.0, 0.0]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.03)
+        pos=np.array([-0.031, 0.0, 0.0]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.03)
     ),
 }
 """Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
@@ -71,6 +71,17 @@ DRIVE = DifferentialDrive(
 """Maximum speed: robot_params_SE3.py. Track width: the description's wheel joints. The turn rate, the force (an
 acceleration of 1.6 m/s²) and the friction are assumptions."""
 
+
+def _mount(x_m: float, y_m: float, along_m: float) -> Mount:
+    """Next to the person, the arm towards them. The base drives along their side."""
+    return Mount(
+        (x_m, y_m, 0.0),
+        0.5 * np.pi,
+        BaseRange((-0.15, 0.05), (-along_m, along_m), (-0.4, 0.4)),
+        left_yaw_rad=-0.5 * np.pi,
+    )
+
+
 STRETCH = Robot(
     name="Stretch",
     build=build,
@@ -78,10 +89,8 @@ STRETCH = Robot(
     torso="base",
     arms={"right": _ARM, "left": _ARM},
     mounts={
-        "wheelchair": Mount(
-            (-0.62, -0.5, 0.0), 0.5 * np.pi, BaseRange((-0.15, 0.05), (-0.35, 0.35), (-0.4, 0.4))
-        ),
-        "bed": Mount((-0.72, -0.4, 0.0), 0.5 * np.pi, BaseRange((-0.15, 0.05), (-0.4, 0.4), (-0.4, 0.4))),
+        "wheelchair": _mount(-0.62, -0.5, along_m=0.35),
+        "bed": _mount(-0.72, -0.4, along_m=0.4),
     },
     grips=GRIPS,
     half_width_m=0.18,
