@@ -66,7 +66,7 @@ class _Cluster:
     """Values (n,), design matrix (n, p), and the matrices (v, n, n) that the variances multiply."""
 
     values: FloatArray
-    design: FloatArray
+    design_matrix: FloatArray
     parts: FloatArray
 
 
@@ -84,13 +84,13 @@ class _State:
 
 
 def fit_mixed(
-    values: ArrayLike, design: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
+    values: ArrayLike, design_matrix: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
 ) -> MixedFit:
     """Fit a linear mixed model to values (n,).
 
     Args:
         values: the dependent variable (n,).
-        design: the design matrix (n, p) of the fixed effects, with an intercept.
+        design_matrix: the matrix (n, p) of the fixed effects, with an intercept.
         clusters: cluster of each value (n,); values of different clusters are independent.
         groupings: random effects within clusters. Labels (n,): equal labels share a random intercept. Covariates
             (n, k): random slopes with one common variance.
@@ -101,12 +101,12 @@ def fit_mixed(
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:
         raise FitError("all values are equal")
-    if np.linalg.matrix_rank(design) < design.shape[1] or len(given) <= design.shape[1]:
+    if np.linalg.matrix_rank(design_matrix) < design_matrix.shape[1] or len(given) <= design_matrix.shape[1]:
         raise FitError(
             "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values"
         )
     scale = float(given.std())
-    own = list(_clusters(given / scale, design, np.asarray(clusters), groupings))
+    own = list(_clusters(given / scale, design_matrix, np.asarray(clusters), groupings))
     state, variances = _maximise_likelihood(own, len(groupings) + 1)
     variance_covariance = _inverse(state.information)
     bend = state.pairs - np.einsum("aij,jk,bkl->abil", state.singles, state.covariance, state.singles)
@@ -124,13 +124,13 @@ def fit_mixed(
 
 
 def _clusters(
-    values: FloatArray, design: FloatArray, clusters: FloatArray, groupings: Sequence[ArrayLike]
+    values: FloatArray, design_matrix: FloatArray, clusters: FloatArray, groupings: Sequence[ArrayLike]
 ) -> list[_Cluster]:
     found: list[_Cluster] = []
     for name in np.unique(clusters):
         own = clusters == name
         parts = [_part(np.asarray(grouping)[own]) for grouping in groupings]
-        found.append(_Cluster(values[own], design[own], np.array([*parts, np.eye(int(own.sum()))])))
+        found.append(_Cluster(values[own], design_matrix[own], np.array([*parts, np.eye(int(own.sum()))])))
     return found
 
 
@@ -190,8 +190,8 @@ def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None
         determinant += 2.0 * float(np.log(root.diagonal()).sum())
         weights.append(np.linalg.inv(covariance))
     own = list(zip(clusters, weights, strict=True))
-    covariance = _inverse(np.sum([each.design.T @ w @ each.design for each, w in own], axis=0))
-    coefficients = covariance @ np.sum([each.design.T @ w @ each.values for each, w in own], axis=0)
+    covariance = _inverse(np.sum([each.design_matrix.T @ w @ each.design_matrix for each, w in own], axis=0))
+    coefficients = covariance @ np.sum([each.design_matrix.T @ w @ each.values for each, w in own], axis=0)
     return _derived(clusters, weights, determinant, coefficients, covariance)
 
 
@@ -208,10 +208,10 @@ def _derived(
     singles, pairs = np.zeros((count, width, width)), np.zeros((count, count, width, width))
     residual = 0.0
     for each, w in zip(clusters, weights, strict=True):
-        left = each.values - each.design @ coefficients
+        left = each.values - each.design_matrix @ coefficients
         pulled = w @ left
         turned = each.parts @ w
-        around = w @ each.design
+        around = w @ each.design_matrix
         spread = each.parts @ around
         residual += float(left @ pulled)
         squares += np.einsum("i,aij,j->a", pulled, each.parts, pulled)
