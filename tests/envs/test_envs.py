@@ -338,7 +338,7 @@ def test_many_worlds_have_a_picture_each():
 
 
 def test_where_nothing_can_be_drawn_the_error_says_what_to_set(monkeypatch):
-    monkeypatch.setattr("avrgym.envs.rendering.graphics_error", lambda: "no library")
+    monkeypatch.setattr("avrgym.tasks.camera_images.graphics_error", lambda: "no library")
     env = AssistiveEnv(FEEDING, render_mode="rgb_array")
     env.reset(seed=0)
     for _ in range(2):

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from avrgym.models import human
 from avrgym.models.cameras import add_surroundings, visible_groups
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
-from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.system.mujoco_setup import RENDERING_HINT
-from avrgym.tasks.camera_images import HIDDEN_GROUP, graphics_error
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
@@ -136,6 +134,9 @@ def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
 
 
 def _hide_head(model: mujoco.MjModel) -> None:
+    from avrgym.models.human_shape import HEAD_PARTS
+    from avrgym.tasks.camera_images import HIDDEN_GROUP
+
     for part in HEAD_PARTS:
         model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GROUP
 
@@ -148,6 +149,8 @@ def _camera(view: View) -> mujoco.MjvCamera:
 
 
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
+    from avrgym.tasks.camera_images import graphics_error  # states alone load no renderer
+
     error = graphics_error()
     if error is not None:
         raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.drive import DifferentialDrive
-from avrgym.models.robot import Arm, BaseRange, Grip, Mount, Robot
+from avrgym.models.robot import Arm, BaseRange, CameraMount, Grip, Mount, Robot
 from avrgym.robots.optional import PACKAGES
 
 MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
@@ -95,4 +95,9 @@ STRETCH = Robot(
     grips=GRIPS,
     half_width_m=0.18,
     drive=DRIVE,
+    cameras={
+        # The colour camera of the RealSense D435i at the head's pose in stretch.xml. It is mounted on its side: its 69°
+        # are vertical. Images are upright.
+        "head": CameraMount("base", (0.019, -0.042, 1.300), (0.318, -0.818, -0.479), (0.0, 0.0, 1.0), 69.0)
+    },
 )
