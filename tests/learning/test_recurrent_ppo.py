@@ -81,7 +81,7 @@ def test_the_number_of_minibatches_is_limited(worlds: int, minibatches: int) -> 
     network, ppo = started()
     ppo.update(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
     steps = ppo.state()["critic_optimizer"]["state"][0]["step"]
-    assert int(steps) == RECURRENT.n_epochs * minibatches * len([*windows()])
+    assert int(steps) == RECURRENT.n_epochs * minibatches * len([*windows(EPISODE_STEPS)])
 
 
 def test_without_a_learning_rate_only_the_critic_learns():
@@ -103,3 +103,9 @@ def test_an_update_ends_at_the_target_kl_divergence(monkeypatch):
         ends.append(numbers(network))
     for one, four in zip(*ends, strict=True):
         assert (one == four).all()
+
+
+@pytest.mark.parametrize("steps", [30, 120, 200])
+def test_windows_cover_an_episode_of_any_length(steps: int) -> None:
+    covered = [step for window in windows(steps) for step in range(steps)[window]]
+    assert covered == list(range(steps))

@@ -61,7 +61,15 @@ ADAPTIVE, PAPER, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual"
 OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
     PAPER: ("--config",),
-    VISUAL: ("--config", "--people", "--impairment", "--cluster", "--engine", "--withdraw-after-success"),
+    VISUAL: (
+        "--config",
+        "--people",
+        "--impairment",
+        "--cluster",
+        "--engine",
+        "--withdraw-after-success",
+        "--episode-steps",
+    ),
 }
 RECIPE_OF_OPTION = {
     "--teacher": ADAPTIVE,
@@ -77,6 +85,7 @@ NEW_TRAINING_OPTIONS = (
     "--force-guard",
     "--withdraw-after-success",
     "--set",
+    "--episode-steps",
     *RECIPE_OF_OPTION,
 )
 """Options of a new training; ``--resume`` rejects them, because a training cannot change them."""
@@ -174,6 +183,7 @@ def train(
     force_guard: ForceGuard = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
     settings: SceneSettings = None,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's hyperparameters, and exit."),
@@ -221,6 +231,7 @@ def train(
             "--force-guard": force_guard,
             "--withdraw-after-success": withdraw_after_success,
             "--set": bool(settings),
+            "--episode-steps": episode_steps != EPISODE_STEPS,
             "--num-envs": num_envs is not None,
             "--jobs": jobs is not None,
         }
@@ -239,6 +250,7 @@ def train(
                 "force_guard": force_guard,
                 "withdraw_after_success": withdraw_after_success,
                 "settings": parse_settings(settings or []),
+                "episode_steps": episode_steps,
                 "people": people,
                 "impairment": impairment,
                 "engine": engine,
@@ -294,7 +306,7 @@ def _configuration(
     from avrgym.learning.hyperparameters import PAPER as OF_PAPER
     from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
 
-    common = ("steps", "num_envs", "force_guard", "withdraw_after_success", "settings")
+    common = ("steps", "num_envs", "force_guard", "withdraw_after_success", "settings", "episode_steps")
     names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
     given = {name: options[name] for name in names if options[name] is not None}
     if recipe == ADAPTIVE:

@@ -117,6 +117,7 @@ def serve(
     ] = None,
     settings: SceneSettings = None,
     allow_other_settings: AllowOtherSettings = False,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
 ) -> None:
     """Serve one participant's session to a headset.
 
@@ -154,7 +155,7 @@ def serve(
                 raise ValueError(
                     f"options cannot set a study's streams; set [streams] in {study / 'study.toml'}"
                 )
-            if settings or allow_other_settings:
+            if settings or allow_other_settings or episode_steps != EPISODE_STEPS:
                 raise ValueError(
                     f"options cannot set a study's settings; set [settings] in {study / 'study.toml'}"
                 )
@@ -182,6 +183,7 @@ def serve(
             reach=reach,
             settings=settings,
             allow_other_settings=allow_other_settings,
+            trial_steps=episode_steps,
         )
         with LiveServer(make_session, address, port, certificate) as server:
             server.export_next_scene()
@@ -286,6 +288,7 @@ def _free_session(
     reach: bool,
     settings: list[str] | None,
     allow_other_settings: bool,
+    trial_steps: int,
 ) -> "Callable[[Send], Session]":
     """A function that starts a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
@@ -309,6 +312,7 @@ def _free_session(
         measure_reach=reach,
         settings=parse_settings(settings or []),
         allow_other_settings=allow_other_settings,
+        trial_steps=trial_steps,
     )
     policies = load_policies(plan)
     recordings, name = folder / "recordings", folder.name

@@ -67,11 +67,12 @@ class TrainingConfiguration:
     force_guard: bool = False
     withdraw_after_success: bool = False
     settings: Settings = DEFAULTS
+    episode_steps: int = EPISODE_STEPS
 
     @property
     def update_steps(self) -> int:
         """Environment steps of one update: an episode in every world."""
-        return self.num_envs * EPISODE_STEPS
+        return self.num_envs * self.episode_steps
 
     @property
     def updates(self) -> int:

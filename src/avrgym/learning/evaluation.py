@@ -119,6 +119,7 @@ def evaluate(
     force_guard: bool = False,
     engine: str = THREADS,
     settings: Settings = DEFAULTS,
+    steps: int = EPISODE_STEPS,
 ) -> Evaluation:
     """Evaluate a policy in one environment in this process, see ``evaluate_all``."""
     (row,) = evaluate_all(
@@ -134,6 +135,7 @@ def evaluate(
         force_guard=force_guard,
         engine=engine,
         settings=settings,
+        steps=steps,
     )
     return row
 

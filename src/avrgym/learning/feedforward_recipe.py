@@ -115,6 +115,7 @@ class FeedforwardRecipe:
                 configuration.force_guard,
                 configuration.withdraw_after_success,
                 configuration.settings,
+                configuration.episode_steps,
             )
             for engine in (THREADS, configuration.engine)
         }

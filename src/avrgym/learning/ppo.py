@@ -18,7 +18,6 @@ from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.normaliser import OBSERVATION_CLIP, Normaliser, ObservationScales
 from avrgym.learning.rollouts import Rollout
 from avrgym.networks.policy import Policy, PolicyMetadata
-from avrgym.tasks.constants import EPISODE_STEPS
 
 LOG_FOLDER = "tensorboard"
 PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
@@ -60,7 +59,7 @@ def make_ppo(
         "MlpPolicy",
         None,  # type: ignore[arg-type]
         learning_rate=learning_rate,
-        n_steps=EPISODE_STEPS,
+        n_steps=configuration.episode_steps,
         batch_size=configuration.batch_size,
         n_epochs=configuration.n_epochs,
         gamma=configuration.gamma,

@@ -14,7 +14,6 @@ from avrgym.learning.hyperparameters import RECURRENT
 from avrgym.learning.normaliser import Normaliser
 from avrgym.networks.layers import Memory
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.tasks.constants import EPISODE_STEPS
 
 
 class RecurrentNetwork(nn.Module):
@@ -76,10 +75,10 @@ class RecurrentNetwork(nn.Module):
         )
 
 
-def windows() -> Iterator[slice]:
-    """The windows (slices) of an episode for truncated backpropagation through time."""
+def windows(episode_steps: int) -> Iterator[slice]:
+    """The windows (slices) of an episode of so many steps, for truncated backpropagation through time."""
     steps = RECURRENT.window
-    return (slice(first, first + steps) for first in range(0, EPISODE_STEPS, steps))
+    return (slice(first, min(first + steps, episode_steps)) for first in range(0, episode_steps, steps))
 
 
 def fit(
@@ -95,7 +94,7 @@ def fit(
     The arguments of ``loss`` are a window's outputs (t, n, A) and the same window of each of the targets (T, n, ...).
     """
     memory = None
-    for window in windows():
+    for window in windows(len(targets[0])):
         outputs, memory = network(observations[window], memory)
         gradient_step(optimizer, network, loss(outputs, *(each[window] for each in targets)), max_grad_norm)
         memory = memory.detach()

@@ -110,7 +110,7 @@ class RecurrentPPO:
     ) -> list[float]:
         """Make the policy's gradient steps. Returns the approximate Kullback-Leibler divergence of each window."""
         memory, divergences, clip_range = None, list[float](), RECURRENT.clip_range
-        for window in windows():
+        for window in windows(len(actions)):
             means, memory = self._network(observations[window], memory)
             log_ratio = _log_prob(means, actions[window], action_std) - old_log_prob[window]
             ratio = log_ratio.exp()

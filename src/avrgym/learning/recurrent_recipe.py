@@ -235,6 +235,7 @@ class RecurrentRecipe:
             force_guard=configuration.force_guard,
             withdraw_after_success=configuration.withdraw_after_success,
             changes=configuration.settings,
+            episode_steps=configuration.episode_steps,
         )
 
     def _episode_seeds(self, number: int) -> NDArray[np.int64]:

@@ -45,6 +45,7 @@ class WorldSettings:
     force_guard: bool = False
     withdraw_after_success: bool = False
     changes: Settings = DEFAULTS
+    episode_steps: int = EPISODE_STEPS
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,8 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
     joint_positions: list[FloatArray] = []
-    for number in range(EPISODE_STEPS):
+    length = request.settings.episode_steps
+    for number in range(length):
         action = robot.act(number)
         if expert is not None:
             joint_positions.append(worlds.simulation.joint_positions())
@@ -168,7 +170,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
         step, overload = _step_with_overload(worlds, action) if by_region else (worlds.step(action), 0.0)
         robot.observe(step.observation)
-        penalty = _penalty(worlds, request, step, last=number == EPISODE_STEPS - 1)
+        penalty = _penalty(worlds, request, step, last=number == length - 1)
         penalty = penalty + request.overload_weight * overload
         robot.rewards.append(step.reward - penalty)
         for human in humans:
@@ -176,7 +178,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
             reward = worlds.human_reward(step, human.actions[-1].astype(float), shared=request.shared_reward)
             human.rewards.append(reward - penalty)
         returns = returns + step.reward
-        force_n = force_n + step.force_on_person_n / EPISODE_STEPS
+        force_n = force_n + step.force_on_person_n / length
         success = step.success
     worlds.check()
     results = to_numpy(returns), to_numpy(success), to_numpy(force_n)
@@ -245,10 +247,11 @@ class _Agent:
 
 def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> FloatArray:
     """Exploration noise (T, n, J), in standard deviations; each world has its own stream."""
-    shape = (EPISODE_STEPS, policy.action_size)
+    length = request.settings.episode_steps
+    shape = (length, policy.action_size)
     count = len(request.episode_seeds)
     if request.noise_seed is None:
-        return np.zeros((EPISODE_STEPS, count, policy.action_size))
+        return np.zeros((length, count, policy.action_size))
     seed, steps = request.noise_seed
     worlds = range(request.first_world, request.first_world + count)
     return np.stack([stream(seed, steps, world).standard_normal(shape) for world in worlds], axis=1)

@@ -46,7 +46,6 @@ from avrgym.system.files import write_atomically
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
-from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
 from avrgym.tasks.world_people import environment_populations
 
@@ -203,7 +202,7 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
     """Raise ``ValueError`` if the worlds (with a cluster: the episodes) do not fit into this computer's memory."""
     observation, action = sizes(configuration.environment)
-    episode = EPISODE_STEPS * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
+    episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
     needed, available = worlds * (episode if cluster else WORLD_BYTES), memory_bytes()
     if available is not None and needed > available:
@@ -344,6 +343,7 @@ class _Trainer:
             split=VALIDATION,
             force_guard=configuration.force_guard,
             settings=configuration.settings,
+            steps=configuration.episode_steps,
         )
         names = [*STORED_RESULTS, "guard_interventions"] if configuration.force_guard else STORED_RESULTS
         return {name: getattr(row, name) for name in names}
