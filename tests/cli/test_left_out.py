@@ -14,11 +14,11 @@ from typer.testing import CliRunner, Result
 import avrgym.envs.benchmark as simulation_benchmark
 import avrgym.vr.benchmark.live_latency as vr_benchmark
 from avrgym.cli.main import app
-from avrgym.learning import evaluation
 from avrgym.tasks import registry
 from avrgym.tasks.task import Expert
 from helpers.system.example_package import environment_variables
 
+BRIEF = "--episodes", "1", "--episode-steps", "2", "--jobs", "1"
 OWN, EXTENSION = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
 
 
@@ -28,11 +28,6 @@ def avrgym(*arguments: str | Path) -> Result:
 
 def fail(*_: Any) -> Any:
     raise KeyError("spoon")
-
-
-@pytest.fixture(autouse=True)
-def _short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evaluation, "EPISODE_STEPS", 2)
 
 
 @pytest.fixture
@@ -62,7 +57,7 @@ def test_evaluate_skips_environments_that_fail(
     extend(fail)
     options = [word for policy in policies for word in ("--policy", policy)]
     rows = tmp_path / "rows.json"
-    done = avrgym("evaluate", "--all", *options, "--episodes", "1", "--jobs", "1", "--json", rows)
+    done = avrgym("evaluate", "--all", *options, *BRIEF, "--json", rows)
     assert done.exit_code == 0, done.output
     assert [(row["env"], row["policy"]) for row in json.loads(rows.read_text())] == expected
     (named,) = done.stderr.splitlines()
@@ -72,7 +67,7 @@ def test_evaluate_skips_environments_that_fail(
 
 def test_rows_equal_those_of_single_evaluations(extend: Callable[[Expert], None], tmp_path: Path) -> None:
     extend(registry.TASKS["Feeding"].expert)
-    options = ["--policy", "zero", "--policy", "oracle", "--episodes", "1", "--jobs", "1", "--json"]
+    options = ["--policy", "zero", "--policy", "oracle", *BRIEF, "--json"]
     together, alone = tmp_path / "all.json", tmp_path / "alone.json"
     assert avrgym("evaluate", "--all", *options, together).exit_code == 0
     assert avrgym("evaluate", OWN, EXTENSION, *options, alone).exit_code == 0
@@ -82,7 +77,7 @@ def test_rows_equal_those_of_single_evaluations(extend: Callable[[Expert], None]
 def test_a_matrix_has_no_row_of_a_skipped_environment(extend: Callable[[Expert], None]) -> None:
     extend(fail)
     done = avrgym("evaluate", "--all", "--cross-play", "--policy", "zero", "--policy", "adaptive",
-                  "--people", "original", "--people", "revised", "--episodes", "1", "--jobs", "1")  # fmt: skip
+                  "--people", "original", "--people", "revised", *BRIEF)  # fmt: skip
     assert done.exit_code == 0, done.output
     assert [EXTENSION in line for line in done.stdout.splitlines() if "adaptive" in line] == [False]
 
@@ -99,7 +94,7 @@ def test_an_unknown_name_is_an_error(extend: Callable[[Expert], None]) -> None:
 
 def test_a_named_environment_that_fails_is_an_error(extend: Callable[[Expert], None]) -> None:
     extend(fail)
-    refused = avrgym("evaluate", OWN, EXTENSION, "--policy", "adaptive", "--episodes", "1")
+    refused = avrgym("evaluate", OWN, EXTENSION, "--policy", "adaptive", *BRIEF)
     assert refused.exit_code == 1
     assert refused.stderr.startswith(f"avrgym: no policy 'adaptive' for {EXTENSION}")
 
@@ -109,7 +104,7 @@ def test_no_environment_left_is_an_error(
 ) -> None:
     extend(fail)
     monkeypatch.setattr(registry, "ENVIRONMENTS", {EXTENSION: ("Stir", "Jaco")})
-    refused = avrgym("evaluate", "--all", "--policy", "oracle", "--episodes", "1", "--jobs", "1")
+    refused = avrgym("evaluate", "--all", "--policy", "oracle", *BRIEF)
     assert refused.exit_code == 1
     assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was skipped"
 

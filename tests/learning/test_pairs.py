@@ -168,11 +168,12 @@ def test_agents_alternate_after_equal_numbers_of_updates(alternate):
 
 
 @pytest.mark.parametrize("environment", OFFERING)
-def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypatch):
+def test_rollouts_of_a_pair_equal_the_parallel_environment(environment):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
-    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
     networks = [random_network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
-    place = WorldSettings(environment, TransferredFile.read("zoo/train"), "tremor", 1, "threads")
+    place = WorldSettings(
+        environment, TransferredFile.read("zoo/train"), "tremor", 1, "threads", episode_steps=6
+    )
     request = RolloutRequest(place, 0, np.array([7, 8]), noise_seed=(1, 2), shared_reward=False)
     robot, human = roll_out_all(networks, request)
     for world, seed in enumerate(request.episode_seeds):

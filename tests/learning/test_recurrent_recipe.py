@@ -240,11 +240,12 @@ def test_training_starts_from_the_initial_policy(tmp_path):
     assert after.metadata.curve[: len(before.metadata.curve)] == before.metadata.curve
 
 
-def test_the_overload_penalty_follows_the_most_loaded_region(monkeypatch):
+def test_the_overload_penalty_follows_the_most_loaded_region():
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
-    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = WorldSettings(environment, TransferredFile.read("participants"), "none", 1, "threads")
+    place = WorldSettings(
+        environment, TransferredFile.read("participants"), "none", 1, "threads", episode_steps=steps
+    )
     requests = [
         RolloutRequest(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
     ]
@@ -268,12 +269,13 @@ def test_the_overload_penalty_follows_the_most_loaded_region(monkeypatch):
     assert_allclose(cost.max(axis=0), np.maximum(2.0 * peak_share - 1.0, 0.0), atol=1e-4)
 
 
-def test_force_beyond_the_limit_is_not_rewarded(monkeypatch):
+def test_force_beyond_the_limit_is_not_rewarded():
     """Scratching pays 2 for each newton of a scratch and 0.01 for each at the itch."""
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
-    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = WorldSettings(environment, TransferredFile.read("revised"), "none", 1, "threads")
+    place = WorldSettings(
+        environment, TransferredFile.read("revised"), "none", 1, "threads", episode_steps=steps
+    )
     free, limited = (
         roll_out(policy, RolloutRequest(place, 0, seeds, rewarded_force_n=each)) for each in (np.inf, most)
     )

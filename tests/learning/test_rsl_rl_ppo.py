@@ -18,12 +18,11 @@ pytest.importorskip("tensordict", reason="the extra `gpu` is not installed: RSL-
 import torch
 
 from avrgym.cli.main import app
-from avrgym.learning import configuration as configuration_module
-from avrgym.learning import ppo, rollouts, training
+from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration, stored_configuration
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.ppo import Agent, export_policy, freeze_actor, make_ppo, set_log_std, update_on_host
-from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.rsl_rl_ppo import DevicePPO
 from avrgym.learning.training import Progress, resume, train
 from avrgym.policies.actors import DeviceActor
@@ -41,6 +40,7 @@ TINY = FeedforwardConfiguration(
     steps=3 * UPDATE,
     seed=4,
     num_envs=WORLDS,
+    episode_steps=STEPS,
     batch_size=8,
     n_epochs=2,
     threads=1,
@@ -58,9 +58,7 @@ METADATA = PolicyMetadata(environment=SCRATCHING, people="", steps=0, seed=0)
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Episodes of ``STEPS`` steps, and one in the evaluation."""
-    for module in (configuration_module, ppo, rollouts, training):
-        monkeypatch.setattr(module, "EPISODE_STEPS", STEPS)
+    """One episode in the evaluation."""
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
@@ -74,7 +72,9 @@ def test_rollouts_on_the_device_equal_those_on_threads() -> None:
         roll_out(
             policy,
             RolloutRequest(
-                WorldSettings(SCRATCHING, TransferredFile.read("revised"), "none", 1, engine),
+                WorldSettings(
+                    SCRATCHING, TransferredFile.read("revised"), "none", 1, engine, episode_steps=STEPS
+                ),
                 first_world=0,
                 episode_seeds=np.arange(50, 50 + WORLDS),
                 noise_seed=(3, 400),
@@ -173,8 +173,8 @@ def test_the_normaliser_works_equally_with_tensors(rng: np.random.Generator) -> 
     here, there = (Normaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
     rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
     given = {"observations": observations, "actions": actions, "rewards": rewards}
-    on_host = rollouts.Rollout(**given, **rest)
-    on_it = rollouts.Rollout(**{name: torch.as_tensor(each) for name, each in given.items()}, **rest)
+    on_host = Rollout(**given, **rest)
+    on_it = Rollout(**{name: torch.as_tensor(each) for name, each in given.items()}, **rest)
     for _ in range(2):
         assert_allclose(there.normalize_rewards(on_it), here.normalize_rewards(on_host), atol=1e-6)
         for normaliser, rollout in ((here, on_host), (there, on_it)):

@@ -65,10 +65,11 @@ def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 
 
-def test_a_rollout_contains_arm_angles_with_an_expert(monkeypatch):
-    monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
+def test_a_rollout_contains_arm_angles_with_an_expert():
     policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
-    place = WorldSettings(ENVIRONMENT, TransferredFile.read("zoo/train"), "none", 1, "threads")
+    place = WorldSettings(
+        ENVIRONMENT, TransferredFile.read("zoo/train"), "none", 1, "threads", episode_steps=5
+    )
     parts = [
         roll_out(
             policy,

@@ -168,15 +168,12 @@ def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
     assert registry.changed_since_training(Policy.load(path), ENVIRONMENT) == []
 
 
-def test_evaluation_lists_differing_plugins(
-    robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
+def test_evaluation_lists_differing_plugins(robot: Path, tmp_path: Path) -> None:
     same, old = policy(plugins_of(ENVIRONMENT)), policy(())
     files = [
         save_network(tmp_path / f"{name}.safetensors", each) for name, each in (("same", same), ("old", old))
     ]
-    rows = [evaluate(ENVIRONMENT, file, "original", 1, 0) for file in files]
+    rows = [evaluate(ENVIRONMENT, file, "original", 1, 0, steps=1) for file in files]
     assert rows[0].plugin_differences == []
     assert rows[1].plugin_differences[0].startswith("robot Jaco was not stored, is lab-robots 1.0 (content ")
     change(robot)
@@ -188,6 +185,8 @@ def test_evaluation_lists_differing_plugins(
         "--people",
         "original",
         "--episodes",
+        "1",
+        "--episode-steps",
         "1",
         "--jobs",
         "1",

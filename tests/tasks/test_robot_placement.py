@@ -104,11 +104,9 @@ def test_a_body_without_an_initial_state_is_named(refused: None) -> None:
         check_starts(ENVIRONMENT)
 
 
-def test_evaluation_reports_draws_and_warns_above_the_limit(
-    crowded: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
-    asked = ["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "8", "--jobs", "1"]
+def test_evaluation_reports_draws_and_warns_above_the_limit(crowded: None, tmp_path: Path) -> None:
+    brief = "--episodes", "8", "--episode-steps", "1", "--jobs", "1"
+    asked = ["evaluate", ENVIRONMENT, "--policy", "zero", *brief]
     ran = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "rows.json")])
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert MAX_MEAN_DRAWS < row["start_draws_mean"] <= row["start_draws_max"]
@@ -117,9 +115,8 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(
     assert f"{row['starts_refused']} people were omitted" in ran.stderr
 
 
-def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
-    row = evaluate("avrgym/FeedingPR2-v1", "zero", "revised", 4, 0)
+def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start() -> None:
+    row = evaluate("avrgym/FeedingPR2-v1", "zero", "revised", 4, 0, steps=1)
     assert (row.start_draws_mean, row.start_draws_max, row.starts_refused) == (1.0, 1, 0)
 
 
