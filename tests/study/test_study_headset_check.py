@@ -74,7 +74,7 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
         assert [session.headset for session in store.sessions(unchecked)] == [None]
         assert [session.headset for session in store.sessions(pseudonym)] == [CHECK]
         told = [each.detail for each in store.events() if each.name == "headset checked"]
-        assert "No-go. Your head trembles at rest by 4.0 mm" in told[0]
+        assert "No-go. Your head jitters at rest by 4.0 mm" in told[0]
         assert told[1].startswith("Go: the headset is ready. 72 frames a second of 72; 0.2 % dropped")
         assert not store.database.faults()
         write_analysis(analyse(store), store.folder, tmp_path / "out")

@@ -93,7 +93,7 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     second = browser.new_page()
     second.set_default_timeout(1000 * TIMEOUT_S)
     second.goto(visit.server.url)
-    second.get_by_text("Somebody takes part on another page").first.wait_for()
+    second.get_by_text("Another page already takes part").first.wait_for()
     assert session.phase == "trial"
     second.close()
 

@@ -184,7 +184,7 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
         broken.setattr(LiveWorld, "reset", lambda self, seed: 1 / 0)
         session.calibrate()
         session.run_until("paused")
-        assert "cannot be made" in session.problems[-1]
+        assert "cannot be created" in session.problems[-1]
     session.send(Ready())
     session.run_until("trial")
 

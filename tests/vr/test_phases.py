@@ -76,7 +76,7 @@ def test_every_annotation_names_phases(phase: type[Phase]) -> None:
     [
         ("can_be_stopped", "stop"),
         ("in_place", "repeat"),
-        ("awaits_ready", "ready"),
+        ("awaits_ready", "on_ready"),
         ("can_recalibrate", "recalibrate"),
         ("can_choose_body", "choose_body"),
     ],

@@ -430,15 +430,15 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             visitor.run_until(phase)
         wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
-            wrong.append((answer, "only while its question is open"))
+            wrong.append((answer, "only while it is shown"))
         if phase not in ("calibration", "check"):
-            wrong.append((Ready(), "Nothing waits for you to go on"))
+            wrong.append((Ready(), "You cannot go on now"))
         if phase not in ("questionnaire", "confirm"):
             wrong.append((Back(), "no earlier question"))
         if phase != "check":
             wrong.append((Recalibrate(), "only between two trials"))
         if phase not in ("free_before", "countdown", "trial", "retreat"):
-            wrong.append((Stop(), "The robot holds still already"))
+            wrong.append((Stop(), "The robot already holds still"))
         for message, words in wrong:
             said = len(visitor.problems)
             visitor.send(message)
