@@ -56,7 +56,7 @@ def test_a_headset_without_faults_is_ready() -> None:
 
 
 FAULTS = [
-    (but(frames=0), "drew no pictures", "put it on"),
+    (but(frames=0), "rendered no pictures", "put it on"),
     (but(display_hz=50.0), "50 Hz", "higher rate"),
     (but(display_hz=None, frame_rate_hz=45.0), "45 Hz", "higher rate"),
     (but(dropped_share=0.2), "20 % of the frames", "close other programs"),

@@ -156,7 +156,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert result.stop == "none"
     assert not is_ready(result)
-    assert "stop was not tried" in visit.received(Phase)[-1].text
+    assert "did not try the stop" in visit.received(Phase)[-1].text
     visit.send(Ready())
     measure(visit)
     visit.send(Command("skip"))
