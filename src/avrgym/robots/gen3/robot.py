@@ -13,7 +13,7 @@ from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
-ON_WHEELCHAIR_M = (-0.43, -0.44, 0.48)
+ON_WHEELCHAIR_M = (-0.40, -0.50, 0.50)
 SHOULDER_M = 0.30
 """Largest height of the shoulder above its mount."""
 

@@ -1,12 +1,13 @@
 """The UR5. ``ur5.xml`` contains the kinematics, ``rtb-data`` the meshes."""
 
+from collections.abc import Mapping
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import Robot, tuned_arm
+from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 from avrgym.robots.stand import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
@@ -30,11 +31,20 @@ SPEED_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
 """Limits next to a person, as of the Jaco. Universal Robots' data sheet allows 180 °/s, the public description 150 and
 28 N m."""
-SEED_DEG = (142.0, -125.0, -59.0, 4.0, -142.0, 0.0)
-_ARM = tuned_arm(
-    build, JOINTS, "hand", np.radians(SEED_DEG),
-    speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
-)  # fmt: skip
+SEED_DEG: Mapping[Side, tuple[float, ...]] = {
+    "right": (142.0, -125.0, -59.0, 4.0, -142.0, 0.0),
+    "left": (-84.0, -97.0, -83.0, -96.0, 45.0, 9.0),
+}
+"""By the side whose tasks the arm does."""
+
+
+def _arm(side: Side) -> Arm:
+    return tuned_arm(
+        build, JOINTS, "hand", np.radians(SEED_DEG[side]),
+        speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+    )  # fmt: skip
+
+
 BETWEEN_TIPS_M, TIP_END_M = (0.13, 0.0, 0.0), 0.015
 
 
@@ -48,7 +58,7 @@ UR5 = Robot(
     build=build,
     base=STAND_BODY,
     torso=STAND_BODY,
-    arms={"right": _ARM, "left": _ARM},
+    arms={side: _arm(side) for side in SIDES},
     mounts={"wheelchair": next_to_person(-0.78, -0.65), "bed": next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
         BETWEEN_TIPS_M,
