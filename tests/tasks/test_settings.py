@@ -30,6 +30,7 @@ CHANGED: Mapping[str, Any] = {
     "body_mass_kg": 90.0,
     "range_share": 0.7,
     "standing_by": [["PR2", 1.5, -1.0, 90.0]],
+    "self_collision": True,
 }
 """A changed value of each setting."""
 IMPOSSIBLE: Mapping[str, Any] = {
@@ -42,6 +43,7 @@ IMPOSSIBLE: Mapping[str, Any] = {
     "body_mass_kg": 5.0,
     "range_share": 1.5,
     "standing_by": [["R2D2", 0.0, 0.0, 0.0]],
+    "self_collision": "maybe",
 }
 
 

@@ -13,6 +13,7 @@ from avrgym.models.cloth import add_cloth
 from avrgym.models.geoms import add_collision
 from avrgym.models.human import Person, Posture
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
+from avrgym.models.self_collision import add_self_collision
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
@@ -32,6 +33,7 @@ class SceneConfig:
     The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
     episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: initial states out of the
     arm's reach are sampled again. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
+    ``self_collision``: the robot's links collide with each other.
     """
 
     furniture: Sequence[Furniture]
@@ -44,6 +46,7 @@ class SceneConfig:
     control_step_s: float = CONTROL_STEP_S
     checks_reach: bool = False
     body_mass_kg: float | None = None
+    self_collision: bool = False
 
     @property
     def substeps(self) -> int:
@@ -110,6 +113,8 @@ def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> Non
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], scene.mount.yaw_rad)
     frame = spec.worldbody.add_frame(pos=scene.mount.pos_w, quat=turn)
     spec.attach(robot_with_tool(scene, appearance=appearance), prefix=robot.PREFIX, frame=frame)
+    if scene.self_collision:
+        add_self_collision(spec, scene.robot, scene.arm, robot.PREFIX)
 
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:

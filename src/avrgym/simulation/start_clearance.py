@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from itertools import combinations
 
 import mujoco
 import numpy as np
@@ -78,6 +79,7 @@ class StartClearance:
         self._pairs = (
             to_person
             | _robot_to_furniture(model, base)
+            | _robot_to_itself(model)
             | _arms_to_furniture(model, arms=arms, offered=offered)
         )
         self._person_pairs = len(to_person)
@@ -147,6 +149,30 @@ def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
     """Minimum clearances of robot, tool and particles from furniture. A mounted base is excluded."""
     loose = [geom for geom in _robot(model) if _body(model, geom) != base]
     return _pairs(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_CLEARANCE_M)
+
+
+def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
+    """The clearances of a robot's links from each other, in a scene with self-collision."""
+    links = [
+        geom
+        for geom in _geoms(model, collision_bits.ROBOT)
+        if model.geom_conaffinity[geom] & collision_bits.ROBOT.contype
+    ]
+    return {pair: 0.0 for pair in combinations(links, 2) if _may_collide(model, *pair)}
+
+
+def _may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
+    """Whether MuJoCo lets two geoms of a robot collide: of other bodies than parent and child, and not excluded."""
+    bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
+    one, other = (int(model.body_weldid[body]) for body in bodies)
+    parents = [int(model.body_weldid[model.body_parentid[body]]) for body in (one, other)]
+    signature = (min(bodies) << 16) + max(bodies)
+    return (
+        one != other
+        and one != parents[1]
+        and other != parents[0]
+        and signature not in model.exclude_signature
+    )
 
 
 def _robot(model: mujoco.MjModel) -> list[int]:

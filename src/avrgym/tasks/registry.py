@@ -140,6 +140,7 @@ def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
         control_step_s=settings.control_step_s,
         checks_reach=not (settings.robot_pose is None and settings.table_offset_m is None),
         body_mass_kg=settings.body_mass_kg,
+        self_collision=settings.self_collision,
     )
 
 

@@ -54,6 +54,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         tuple[tuple[str, float, float, float], ...],
         Meta(description="Other robots, which do not move: name, place x, y (m) and yaw (degrees)."),
     ] = ()
+    self_collision: Annotated[
+        bool, Meta(description="Whether links of the robot collide with each other, also in initial states.")
+    ] = False
 
     def __post_init__(self) -> None:
         if self.control_hz not in CONTROL_RATES_HZ:

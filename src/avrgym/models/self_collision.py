@@ -1,0 +1,87 @@
+"""Collisions of a robot with itself: links of its arm, other arm, torso and base."""
+
+from functools import cache
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+from avrgym.models import collision_bits
+from avrgym.models.robot import Arm, Robot, robot_spec
+
+SAMPLES = 1000
+"""Number of sampled poses of the arm."""
+ALWAYS_SHARE = 0.9
+"""Bodies that touch in this share of the poses overlap by their shapes, such as neighbours."""
+
+
+def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
+    """Let the links of a scene's robot collide with each other, except for pairs that cannot.
+
+    Args:
+        spec: a scene with the robot.
+        robot: the robot.
+        arm: its moving arm.
+        prefix: prefix of the robot's names in the scene.
+    """
+    bits, colliding = collision_bits.ROBOT, collision_pairs(robot, arm)
+    for geom in spec.geoms:
+        if geom.parent.name.startswith(prefix) and geom.contype == bits.contype:
+            geom.conaffinity |= bits.contype
+    bodies = [body.name for body in robot_spec(robot, arm, appearance=False).bodies[1:]]
+    for first, second in combinations(bodies, 2):
+        if frozenset((first, second)) not in colliding:
+            spec.add_exclude(bodyname1=prefix + first, bodyname2=prefix + second)
+
+
+@cache
+def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
+    """Pairs of bodies, by name, that may collide.
+
+    Sampled poses of the arm contain the pairs within reach. Left out are links with at most one link between them, whose
+    capsules overlap where the real ones do not, pairs that touch at the seed pose, and pairs that nearly always touch.
+    """
+    spec = robot_spec(robot, arm, appearance=False)
+    for geom in spec.geoms:
+        if geom.group != collision_bits.VISUAL_GROUP:
+            geom.contype, geom.conaffinity = 1, 1
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    places = [model.joint(name).qposadr[0] for name in arm.joints]
+    ranges = np.array([model.joint(name).range for name in arm.joints])
+    poses = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, len(places)))
+    at_seed, *touching = (_touching(model, data, places, pose) for pose in (arm.seed_pose, *poses))
+    pairs, counts = np.unique(
+        [sorted(pair) for each in touching for pair in each], axis=0, return_counts=True
+    )
+    found = {frozenset(map(str, pair)): count for pair, count in zip(pairs, counts, strict=True)}
+    return frozenset(
+        pair
+        for pair, count in found.items()
+        if count < ALWAYS_SHARE * SAMPLES and pair not in at_seed and not _are_near(model, pair)
+    )
+
+
+def _are_near(model: mujoco.MjModel, pair: frozenset[str]) -> bool:
+    """Whether at most two joints separate two bodies."""
+    one, other = (int(model.body_weldid[model.body(name).id]) for name in pair)
+    return other in _ancestors(model, one) or one in _ancestors(model, other)
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """The bodies that carry a body, over two joints."""
+    found = [body]
+    for _ in range(2):
+        found.append(int(model.body_weldid[model.body_parentid[found[-1]]]))
+    return found
+
+
+def _touching(
+    model: mujoco.MjModel, data: mujoco.MjData, places: list[int], pose: np.ndarray
+) -> set[frozenset[str]]:
+    """Pairs of bodies in contact at a pose of the arm. MuJoCo leaves out parents with their children."""
+    data.qpos[places] = pose
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    bodies = model.geom_bodyid[data.contact.geom]
+    return {frozenset(model.body(body).name for body in pair) for pair in bodies.tolist()}
