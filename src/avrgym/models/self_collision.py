@@ -38,8 +38,9 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
 def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     """Pairs of bodies, by name, that may collide.
 
-    Sampled poses of the arm contain the pairs within reach. Left out are links with at most one link between them, whose
-    capsules overlap where the real ones do not, pairs that touch at the seed pose, and pairs that nearly always touch.
+    Sampled poses of the arm contain the pairs within reach. Left out are links with at most one link between them,
+    whose capsules overlap where the real ones do not, pairs that touch at the seed pose, and pairs that nearly always
+    touch.
     """
     spec = robot_spec(robot, arm, appearance=False)
     for geom in spec.geoms:
