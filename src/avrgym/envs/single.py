@@ -83,7 +83,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         ``cameras``, names or ``CameraSpec``, observations are dictionaries.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, with the allowed values.
+            ValueError: for an unknown name or a number out of range. The message contains the allowed values.
         """
         check_render_mode(render_mode, environment_id)
         check_length(max_episode_steps)

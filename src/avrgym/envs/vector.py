@@ -74,7 +74,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         ``cameras``, names or ``CameraSpec``, observations are dictionaries.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, with the allowed values.
+            ValueError: for an unknown name or a number out of range. The message contains the allowed values.
             RuntimeError: if a package that the engine needs is not installed.
         """
         self._views: dict[int, Camera] = {}

@@ -105,7 +105,7 @@ class TrainingConfiguration:
 
 @dataclass(frozen=True, kw_only=True)
 class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
-    """A training of a feed-forward policy, or with ``pairing`` of a robot's and a human's."""
+    """A training of a robot's feed-forward policy, and with ``pairing`` also of a human's policy."""
 
     people: str = ORIGINAL
     impairment: str = "none"
@@ -236,7 +236,7 @@ def configuration_for(
     """A training of a feed-forward policy, with the hyperparameters of its task unless others are given.
 
     Raises:
-        ValueError: for an unknown environment, with the allowed ids.
+        ValueError: for an unknown environment. The message contains the allowed ids.
     """
     return FeedforwardConfiguration(
         environment=environment,

@@ -239,7 +239,7 @@ def hyperparameters_of(environment: str) -> Hyperparameters:
     """The hyperparameters of feed-forward policies in an environment.
 
     Raises:
-        ValueError: for an unknown environment, with the allowed ids.
+        ValueError: for an unknown environment. The message contains the allowed ids.
     """
     task, _ = find_environment(environment)
     return Hyperparameters(**{**TASK_CHANGES.get(task, {}), **TASKS[task].hyperparameters})

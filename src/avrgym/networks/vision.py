@@ -80,7 +80,7 @@ class Vision:
 
     @classmethod
     def of_tensors(cls, tensors: Mapping[str, NumpyArray]) -> "Vision":
-        """A network from ``tensors``."""
+        """Create a network from the result of ``tensors``."""
 
         def each(name: str) -> tuple[Any, ...]:
             return tuple(tensors[f"vision.{name}.{number}"] for number in range(CONVOLUTIONS))

@@ -195,7 +195,7 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
     """The cameras that a policy needs.
 
     Raises:
-        PolicyError: for a camera that the environment's robot does not have, with the allowed ones.
+        PolicyError: for a camera that the environment's robot does not have. The message lists the allowed ones.
     """
     if isinstance(policy, ExternalController):
         wanted: Sequence[AnyCamera] = policy.cameras

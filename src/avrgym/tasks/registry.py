@@ -85,7 +85,7 @@ def find_environment(environment_id: str) -> tuple[str, str]:
     """Task and robot names of an environment id.
 
     Raises:
-        ValueError: for an unknown id, listing the ids.
+        ValueError: for an unknown id. The message lists the ids.
     """
     if environment_id not in ENVIRONMENTS:
         raise ValueError(
@@ -98,7 +98,7 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
     """Plug-ins that register the task or robot of an environment.
 
     Raises:
-        ValueError: for an unknown id, listing the ids.
+        ValueError: for an unknown id. The message lists the ids.
     """
     task, robot = find_environment(environment_id)
     of_task, of_robot = (

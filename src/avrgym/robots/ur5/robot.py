@@ -49,7 +49,7 @@ BETWEEN_TIPS_M, TIP_END_M = (0.13, 0.0, 0.0), 0.015
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
-    """Both fingers at this distance from the middle."""
+    """Joint positions of both fingers for a distance from the middle of the hand."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 

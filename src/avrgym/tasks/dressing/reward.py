@@ -85,7 +85,7 @@ def init_state(people: People, uniforms: FloatArray) -> DressingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -> StepResult:
-    """Forces elsewhere are those of the robot's links and of the hoop."""
+    """Evaluate a step. The force elsewhere is the force of the robot's links and of the hoop."""
     xp, path = namespace(state.tool_pos_w), arm_path(state)
     opening = opening_on_arm(state, path)
     dressed_m = xp.where(opening.around, opening.along_m, 0.0)

@@ -199,7 +199,7 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
 
 
 def _end_z(model: mujoco.MjModel, body: int) -> float:
-    """The z coordinate of the child body."""
+    """The z coordinate of a body's child, in the frame of the body."""
     child = int(np.flatnonzero(model.body_parentid == body)[0])
     return float(model.body_pos[child, 2])
 
