@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.robots.registry import ROBOTS
 from avrgym.skeletons.writing import write_skeleton
 from avrgym.tasks.constants import TASKS
 from helpers.system.example_package import environment_variables, train_and_study
@@ -76,8 +77,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
     assert listed.returncode == 0, listed.stderr
     rows = json.loads((installed / "envs.json").read_text())
     assert [row["env"] for row in rows if row["task"] not in TASKS] == [
-        "avrgym/TouchElbowJaco-v1",
-        "avrgym/TouchElbowPR2-v1",
+        f"avrgym/TouchElbow{robot}-v1" for robot in ROBOTS
     ]
     said = " ".join(listed.stdout.split())
     for name, reason in (

@@ -99,7 +99,7 @@ def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
 
 def test_a_body_without_an_initial_state_is_named(refused: None) -> None:
     with pytest.raises(
-        ValueError, match=rf"none of {FEW_DRAWS} starts .* the robot's link \d .* inside the table"
+        ValueError, match=rf"none of {FEW_DRAWS} initial states .* the robot's link \d .* inside the table"
     ):
         check_starts(ENVIRONMENT)
 
@@ -140,7 +140,7 @@ def test_a_study_check_reports_often_rejected_bodies(crowded: None, folder: Path
 
 
 def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(environment: str) -> None:
+    def broken(*_: object) -> None:
         raise KeyError("elbow")
 
     monkeypatch.setattr("avrgym.study.checking.preflight.draws_by_body", broken)
@@ -162,7 +162,7 @@ def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
         pseudonym = simulated_participant(store, 0, cast)
         assert enrol(store, "woman") != pseudonym
     words = (
-        rf"{pseudonym} ses-01 cannot begin: {ENVIRONMENT}: none of .* inside the table; `avrgym study check`"
+        rf"{pseudonym} ses-01 cannot start: {ENVIRONMENT}: none of .* inside the table; `avrgym study check`"
     )
     with pytest.raises(StudyError, match=words):
         simulate_participant(folder, pseudonym, cast)

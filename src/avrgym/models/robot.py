@@ -95,8 +95,8 @@ class Mount:
         carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
             With the keyword ``mirrored`` it can be on the person's left.
         carrier_body: body of the carrier that moves with the base.
-        left_yaw_rad: base yaw on the person's left, for an arm that reaches to one side of its base. ``None``: the
-            mirrored yaw.
+        left_yaw_rad: base yaw on the person's other side, for an arm that reaches to one side of its base.
+            ``None``: the mirrored yaw.
     """
 
     pos_w: tuple[float, float, float]
@@ -132,6 +132,7 @@ class Mount:
             yaw_rad=yaw_rad,
             base_range=None if self.base_range is None else self.base_range.mirrored(),
             carrier=carrier,
+            left_yaw_rad=None if self.left_yaw_rad is None else self.yaw_rad,
         )
 
 
