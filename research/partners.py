@@ -47,7 +47,7 @@ FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
     "episodes", "split", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
 )  # fmt: skip
-OF_REGION = ("mean_n", "peak_n", "limit_n", "exceedances")
+OF_REGION = ("mean_n", "peak_n", "quasi_static_limit_n", "exceedances")
 
 
 def main() -> None:
@@ -120,8 +120,10 @@ def _environments(kind: str) -> list[str]:
 def _hardest(found: Mapping) -> str:
     if not found["regions"]:
         return f"{found['episodes_over_limit']}; no touch"
-    name, region = max(found["regions"].items(), key=lambda each: each[1]["peak_n"] / each[1]["limit_n"])
-    share = 100.0 * region["peak_n"] / region["limit_n"]
+    name, region = max(
+        found["regions"].items(), key=lambda each: each[1]["peak_n"] / each[1]["quasi_static_limit_n"]
+    )
+    share = 100.0 * region["peak_n"] / region["quasi_static_limit_n"]
     return f"{found['episodes_over_limit']}; {name.replace('_', ' ')} {region['peak_n']:.0f} N, {share:.0f} %"
 
 

@@ -148,7 +148,7 @@ def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
     assert touched.keys() <= {"face", "skull"}
     for name, values in touched.items():
         assert f"{name} " in shown.stdout
-        assert f"{values['limit_n']:.3g}" in shown.stdout
+        assert f"{values['quasi_static_limit_n']:.3g}" in shown.stdout
     nobody = avrgym("evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", 1, "--regions")
     assert "Nobody was touched." in nobody.stdout
 

@@ -81,7 +81,7 @@ def test_the_zero_policy_never_succeeds_and_touches_nobody() -> None:
     assert figures.reward_mean < 0.0
     assert figures.episodes_over_limit == 0
     assert figures.guard_interventions is None
-    assert {name: each.limit_n for name, each in figures.force_regions.items()} == {
+    assert {name: each.quasi_static_limit_n for name, each in figures.force_regions.items()} == {
         region.name: region.quasi_static_limit_n for region in BODY_REGIONS
     }
     assert all(each.peak_n == each.contact_share == 0.0 for each in figures.force_regions.values())

@@ -247,7 +247,7 @@ def test_a_copy_of_worlds_with_trained_humans_continues_equally(tmp_path):
     twin = copy.deepcopy(worlds)
     for _ in range(4):
         assert_array_equal(worlds.step(action).observation, twin.step(action).observation)
-    assert_array_equal(worlds.observe_human(), twin.observe_human())
+    assert_array_equal(worlds.human_observation(), twin.human_observation())
 
 
 # Populations

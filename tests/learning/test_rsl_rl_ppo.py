@@ -285,7 +285,7 @@ def test_a_cluster_is_refused_with_a_device(tmp_path: Path) -> None:
         """Workers that need not be there."""
 
     with pytest.raises(
-        ValueError, match="workers step worlds on threads; allowed: --cluster, or --engine warp:cpu"
+        ValueError, match="--cluster needs the engine threads; leave out --cluster or --engine warp:cpu"
     ):
         train(TINY, tmp_path / "out", cluster=Cluster())  # pyright: ignore[reportArgumentType]
     assert not (tmp_path / "out").exists()

@@ -144,7 +144,7 @@ def test_names_need_the_right_passphrase(locked: Path, monkeypatch: pytest.Monke
     before = contents(locked)
     for given, words in (
         (None, f"set {PASSPHRASE}"),
-        ("wrong passphrase", "the passphrase of the names is wrong"),
+        ("wrong passphrase", "the passphrase of the identity file is wrong"),
     ):
         if given:
             monkeypatch.setenv(PASSPHRASE, given)

@@ -12,7 +12,7 @@ from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import constants
-from avrgym.tasks.observation import Observation, position
+from avrgym.tasks.observation import Observation, position_entry
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry
 from avrgym.tasks.task import StepResult, Task
 from avrgym.tasks.task_check import check_task
@@ -75,7 +75,7 @@ def test_a_missing_field_is_named(part):
 
 
 def test_observations_have_parts_of_different_names():
-    part = position("tool_m", lambda state, _: state.tool_pos_w)
+    part = position_entry("tool_m", lambda state, _: state.tool_pos_w)
     for entries in ((), (part, part)):
         with pytest.raises(ValueError, match="allowed: one or more, with different names"):
             Observation(entries)

@@ -148,7 +148,9 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
 
 
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
-    visit = Visit(tmp_path, replace(CHECKED, headset_check=HeadsetCheckPlan(1.2, 0.3, 0.4, stop_s=0.5)))
+    visit = Visit(
+        tmp_path, replace(CHECKED, headset_check=HeadsetCheckPlan(1.2, 0.3, 0.4, test_stop_limit_s=0.5))
+    )
     visit.send(Entered())
     measure(visit)
     visit.tick(60)

@@ -302,7 +302,7 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     someone.watch(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
     for step in range(4):
         someone.watch(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
-    (seen,) = worlds.observe_human()
+    (seen,) = worlds.human_observation()
     goal = ~np.isnan(worlds.human_view.scale)
     assert_allclose(told[0][0, ~goal], seen[~goal], atol=1e-5)
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)

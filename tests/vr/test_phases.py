@@ -110,7 +110,7 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05, stop_s=2.0)
+        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05, test_stop_limit_s=2.0)
         session = replace(
             plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING)),
             headset_check=checked,

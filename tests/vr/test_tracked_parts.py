@@ -313,4 +313,4 @@ def test_a_recording_tells_which_parts_its_task_needs(tmp_path: Path) -> None:
     visit = visiting(tmp_path, "ScratchItch")
     visit.go_to("free_before")
     visit.leave()
-    assert visit.recordings()[0].configuration.tracked == ("head", "right")
+    assert visit.recordings()[0].configuration.needed_parts == ("head", "right")

@@ -210,10 +210,10 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
     """Each participant's mean."""
-    of_participant: dict[str, list[float]] = {}
+    values_by_participant: dict[str, list[float]] = {}
     for participant, value in values:
-        of_participant.setdefault(participant, []).append(value)
-    return [float(np.mean(own)) for own in of_participant.values()]
+        values_by_participant.setdefault(participant, []).append(value)
+    return [float(np.mean(own)) for own in values_by_participant.values()]
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:

@@ -60,13 +60,13 @@ def encrypt_names(
 
 
 def unlock(folder: Path) -> None:
-    """Ask for the passphrase of the names if it is needed and not in the environment, and if there is a terminal."""
+    """Ask for the passphrase of the identity file in a terminal, if it is needed and not in the environment."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
     is_needed = lock is not None and lock.kind == "passphrase"
     if is_needed and identity_keys.known_passphrase(folder) is None and sys.stdin.isatty():
-        question = "Passphrase of the names (Enter: do not unlock them)"
+        question = "Passphrase of the identity file (Enter: do not unlock it)"
         if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
             identity_keys.set_passphrase(folder, passphrase)
             identity_file.read_identities(folder)
@@ -92,4 +92,4 @@ def _new_passphrase(folder: Path) -> str:
         return given
     if not sys.stdin.isatty():
         raise RuntimeError("a new passphrase must be entered in a terminal; nothing was changed")
-    return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)
+    return typer.prompt("New passphrase of the identity file", hide_input=True, confirmation_prompt=True)

@@ -145,7 +145,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         )
 
     def _observations(self, step: Step) -> dict[str, FloatArray]:
-        return {ROBOT: step.observation[0], HUMAN: self.episodes.observe_human()[0]}
+        return {ROBOT: step.observation[0], HUMAN: self.episodes.human_observation()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
         """The actions of robot and human, as numbers."""

@@ -139,8 +139,8 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
     def actor_learns_at(self, steps: int) -> bool:
-        """Whether the actor learns too. Directly after imitation only the critic learns, until it fits the imitated
-        actor."""
+        """Whether the actor learns too. Directly after imitation only the critic learns, for ``critic_updates``
+        updates."""
         critic_steps = self.critic_updates * self.update_steps
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 

@@ -69,7 +69,7 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
         raise ValueError(f"trained humans need the engine threads; leave out --engine {configuration.engine}")
     if cluster is not None:
         raise ValueError(
-            f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
+            f"--cluster needs the engine threads; leave out --cluster or --engine {configuration.engine}"
         )
 
 

@@ -150,7 +150,8 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     xp: Any = namespace(first)
     robot = _Agent(policies[0], random_streams.robot_noise, request, first)
     humans = [
-        _Agent(policy, random_streams.human_noise, request, worlds.observe_human()) for policy in policies[1:]
+        _Agent(policy, random_streams.human_noise, request, worlds.human_observation())
+        for policy in policies[1:]
     ]
     expert = None if request.expert_drives is None else _expert_for(policies[0], request, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
@@ -174,7 +175,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         penalty = penalty + request.overload_weight * overload
         robot.rewards.append(step.reward - penalty)
         for human in humans:
-            human.observe(worlds.observe_human())
+            human.observe(worlds.human_observation())
             reward = worlds.human_reward(step, human.actions[-1].astype(float), shared=request.shared_reward)
             human.rewards.append(reward - penalty)
         returns = returns + step.reward

@@ -82,12 +82,12 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
         """Shape, type and largest value of each image, by the name of its entry, such as ``wrist_rgb``."""
         size = (self.height_px, self.width_px)
-        described: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
+        format_of_kind: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
             "rgb": ((*size, 3), np.uint8, 255),
             "depth": (size, np.float32, MAX_DEPTH_M),
             "segmentation": (size, np.int32, len(LABELS) - 1),
         }
-        return {f"{self.name}_{kind}": described[kind] for kind in self.kinds}
+        return {f"{self.name}_{kind}": format_of_kind[kind] for kind in self.kinds}
 
 
 AnyCamera = CameraSpec | str | Mapping[str, Any]

@@ -95,7 +95,11 @@ class Vision:
         )
 
     def check(self, observation_size: int, image_shape: tuple[int, int, int]) -> None:
-        """Raise ``ValueError`` for arrays that do not fit together, for images (H, W, C) and O entries."""
+        """Check the shapes of all arrays for images (H, W, C) and observations (O,).
+
+        Raises:
+            ValueError: if the arrays do not match each other, the images or the observations.
+        """
         height, width, channels = image_shape
         for number, (kernel, stride) in enumerate(zip(self.kernels, self.strides.tolist(), strict=True)):
             size = kernel.shape[0] if kernel.ndim == 4 else 0

@@ -97,9 +97,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(description="Seed from which the start of the episode was drawn.")]
     practice: bool
     goal: Annotated[str, Meta(description="The instruction, in the participant's language.")]
-    tracked: Annotated[
+    needed_parts: Annotated[
         tuple[str, ...], Meta(description="The parts that the task needs: `head`, `left`, `right`.")
-    ]
+    ] = msgspec.field(name="tracked")
     trial: Annotated[int, Meta(description="Number of the trial in the session, from 1.")]
     attempt: Annotated[int, Meta(description="Number of the attempt at the trial, from 1.")]
     steps: Annotated[int, Meta(description="Planned number of control steps.")]

@@ -10,15 +10,15 @@ from avrgym.geometry import transforms
 from avrgym.models.robot import Grip
 from avrgym.models.scratcher import PINCH_M, SCRATCHER
 
-UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of a cup relative to a spoon: its x across the fingers."""
-ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: its z across the fingers."""
 TURNS = {
     "spoon": transforms.IDENTITY_QUATERNION,
-    "cup": UPRIGHT,
+    "cup": CUP_ROTATION,
     "scratcher": transforms.IDENTITY_QUATERNION,
-    "washcloth": ACROSS,
+    "washcloth": WASHCLOTH_ROTATION,
 }
 
 

@@ -99,7 +99,7 @@ class RegionStatistics:
     mean_n: float
     peak_n: float
     contact_share: float
-    limit_n: float
+    quasi_static_limit_n: float
     transient_limit_n: float
     over_quasi_static: int
     over_transient: int
@@ -113,7 +113,7 @@ def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
             mean_n=float(loads.mean_n[:, index].mean()),
             peak_n=float(loads.peak_n[:, index].max()),
             contact_share=float(loads.contact_share[:, index].mean()),
-            limit_n=region.quasi_static_limit_n,
+            quasi_static_limit_n=region.quasi_static_limit_n,
             transient_limit_n=region.transient_limit_n,
             over_quasi_static=int(loads.over_quasi_static[:, index].sum()),
             over_transient=int(loads.over_transient[:, index].sum()),

@@ -272,10 +272,10 @@ def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int]
         else:
             labels.append(_PARTICLES if name in grains else _FURNITURE if body else _BACKGROUND)
     geoms, skins = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SKIN
-    of_geom: list[int] = model.geom_bodyid.tolist()
-    of_skin: list[int] = model.skin_bonebodyid[model.skin_boneadr].tolist()
-    found = {(int(geoms), geom): labels[body] for geom, body in enumerate(of_geom)}
-    found |= {(int(skins), skin): labels[body] for skin, body in enumerate(of_skin)}
+    body_of_geom: list[int] = model.geom_bodyid.tolist()
+    body_of_skin: list[int] = model.skin_bonebodyid[model.skin_boneadr].tolist()
+    found = {(int(geoms), geom): labels[body] for geom, body in enumerate(body_of_geom)}
+    found |= {(int(skins), skin): labels[body] for skin, body in enumerate(body_of_skin)}
     return found | {(int(mujoco.mjtObj.mjOBJ_FLEX), flex): _TOOL for flex in range(model.nflex)}
 
 

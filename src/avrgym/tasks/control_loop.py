@@ -116,7 +116,7 @@ class ControlLoop:
         self.abort_step()
 
     def saved(self) -> dict[str, Any]:
-        """Returns the whole state on which the next control step depends."""
+        """Returns the state of the layers on which the next control step depends."""
         layers = {"withdrawal": self.withdrawal, "guard": self.guard}
         return {name: layer.saved() for name, layer in layers.items() if layer is not None}
 

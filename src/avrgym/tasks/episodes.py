@@ -332,7 +332,7 @@ class Episodes:
         """Command the robots with checked actions (N, J), and set the targets of people who move by themselves."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
-            self.command_people(self._people.trained.act(self.observe_human()))
+            self.command_people(self._people.trained.act(self.human_observation()))
         self.command_people_by_themselves()
 
     def command_people_by_themselves(self) -> None:
@@ -404,8 +404,8 @@ class Episodes:
         """Observations (N, O) of the present state."""
         return self.observation.of(self.simulation.state(), self.task_state)
 
-    def observe_human(self) -> FloatArray:
-        """Observations (N, H) of people with moving joints, see ``HumanView``."""
+    def human_observation(self) -> FloatArray:
+        """Returns the human agent's observations (N, H), see ``HumanView``."""
         return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:

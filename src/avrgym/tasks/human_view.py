@@ -96,7 +96,7 @@ class HumanView:
             hips_q_w=hips_q_w,
             tool_pos_w=state.tool_pos_w,
             tool_q_w=state.tool_q_w,
-            tool_from_goals_w=[entry.of(state, task_state) for entry in self.goals],
+            tool_from_goals_w=[entry.compute(state, task_state) for entry in self.goals],
             joint_angles_rad=simulation.person_angles_rad(),
             right_arm_pos_w=state.right_arm_pos_w,
             head_pos_w=state.head_pos_w,

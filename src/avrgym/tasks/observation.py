@@ -36,36 +36,36 @@ class Entry:
     name: str
     size: int
     bound: float
-    of: EntryFunction
+    compute: EntryFunction
     scale: float | None = None
 
 
-def position(name: str, of: EntryFunction) -> Entry:
+def position_entry(name: str, compute: EntryFunction) -> Entry:
     """Entry of three coordinates in metres, relative to a point within reach."""
-    return Entry(name, 3, MAX_DISTANCE_M, of)
+    return Entry(name, 3, MAX_DISTANCE_M, compute)
 
 
-def from_goal(name: str, of: EntryFunction) -> Entry:
+def goal_offset_entry(name: str, compute: EntryFunction) -> Entry:
     """Entry of the tool's offset from its goal in metres.
 
     Its scale is fixed: the variance over whole episodes is too large to resolve centimetres near the goal.
     """
-    return Entry(name, 3, MAX_DISTANCE_M, of, scale=0.05)
+    return Entry(name, 3, MAX_DISTANCE_M, compute, scale=0.05)
 
 
-def quaternion(name: str, of: EntryFunction) -> Entry:
+def quaternion_entry(name: str, compute: EntryFunction) -> Entry:
     """Entry of a quaternion w, x, y, z."""
-    return Entry(name, 4, UNIT_BOUND, of)
+    return Entry(name, 4, UNIT_BOUND, compute)
 
 
-def angles(name: str, count: int, of: EntryFunction) -> Entry:
+def angles_entry(name: str, count: int, compute: EntryFunction) -> Entry:
     """Entry of joint positions in radians or metres."""
-    return Entry(name, count, MAX_ANGLE_RAD, of)
+    return Entry(name, count, MAX_ANGLE_RAD, compute)
 
 
-def force(name: str, of: EntryFunction) -> Entry:
+def force_entry(name: str, compute: EntryFunction) -> Entry:
     """Entry of the magnitude of a force in newtons."""
-    return Entry(name, 1, MAX_FORCE_N, of)
+    return Entry(name, 1, MAX_FORCE_N, compute)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Observation:
             ValueError: if an entry's number of values is not its ``size``.
         """
         count = len(state.tool_pos_w)
-        parts = [entry.of(state, task_state).reshape(count, -1) for entry in self.entries]
+        parts = [entry.compute(state, task_state).reshape(count, -1) for entry in self.entries]
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
                 raise ValueError(f"{entry.name} has {part.shape[1]} values; allowed: {entry.size}")
@@ -140,9 +140,9 @@ def joint_positions(scene: SceneConfig) -> Entry:
     """
     count, drives = len(scene.arm.joints), scene.robot.drive is not None
     if drives:
-        return angles("joint_positions", count + 3, _joint_positions_and_base)
+        return angles_entry("joint_positions", count + 3, _joint_positions_and_base)
     name = "joint_positions" if arm_chain(scene).slides else "arm_angles_rad"
-    return angles(name, count, lambda state, _: state.joint_positions)
+    return angles_entry(name, count, lambda state, _: state.joint_positions)
 
 
 def _joint_positions_and_base(state: State, _: Any) -> FloatArray:
@@ -154,14 +154,16 @@ def _right_arm(joint: int) -> EntryFunction:
     return lambda state, _: state.right_arm_pos_w[:, joint] - state.robot_pos_w
 
 
-TOOL_FROM_TORSO = position("tool_from_torso_m", lambda state, _: state.tool_pos_w - state.robot_pos_w)
-TOOL_ROTATION = quaternion("tool_rotation", lambda state, _: state.tool_q_w)
-TOOL_FROM_MOUTH = from_goal("tool_from_mouth_m", lambda state, _: state.tool_pos_w - state.mouth_pos_w)
-TOOL_FORCE = force("tool_force_n", lambda state, _: state.tool_force_n)
-HEAD_FROM_TORSO = position("head_from_torso_m", lambda state, _: state.head_pos_w - state.robot_pos_w)
-HEAD_ROTATION = quaternion("head_rotation", lambda state, _: state.head_q_w)
-RIGHT_ARM_FROM_TORSO = tuple(
-    position(f"{name}_from_torso_m", _right_arm(joint))
+TOOL_FROM_ROBOT = position_entry("tool_from_torso_m", lambda state, _: state.tool_pos_w - state.robot_pos_w)
+TOOL_ROTATION = quaternion_entry("tool_rotation", lambda state, _: state.tool_q_w)
+TOOL_FROM_MOUTH = goal_offset_entry(
+    "tool_from_mouth_m", lambda state, _: state.tool_pos_w - state.mouth_pos_w
+)
+TOOL_FORCE = force_entry("tool_force_n", lambda state, _: state.tool_force_n)
+HEAD_FROM_ROBOT = position_entry("head_from_torso_m", lambda state, _: state.head_pos_w - state.robot_pos_w)
+HEAD_ROTATION = quaternion_entry("head_rotation", lambda state, _: state.head_q_w)
+RIGHT_ARM_FROM_ROBOT = tuple(
+    position_entry(f"{name}_from_torso_m", _right_arm(joint))
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
 """Common entries, relative to the robot's torso, with the axes of the world frame."""
@@ -171,11 +173,11 @@ def tool_at_the_mouth(scene: SceneConfig) -> Observation:
     """The observation of tasks at the mouth: tool, arm and head."""
     return Observation(
         (
-            TOOL_FROM_TORSO,
+            TOOL_FROM_ROBOT,
             TOOL_ROTATION,
             TOOL_FROM_MOUTH,
             joint_positions(scene),
-            HEAD_FROM_TORSO,
+            HEAD_FROM_ROBOT,
             HEAD_ROTATION,
             TOOL_FORCE,
         )

@@ -1,4 +1,4 @@
-"""Settings of an environment: what users change in a scene and its control without a new task or robot.
+"""Settings of an environment: parameters of its scene and control.
 
 Environments, commands, ``study.toml`` and recordings use the same record. With its defaults nothing changes.
 """
@@ -17,18 +17,18 @@ from avrgym.models.scene import CONTROL_STEP_S
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
 DRAWN_SETTINGS = ("torso_height_m", "range_share")
-"""Settings that concern drawn people; a fixed person and participants have their own."""
+"""Settings of randomly drawn people. They have no effect on a fixed person or a participant."""
 LARGEST_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
 FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
-"""They are multiples or divisors of the rate at which people act, and divide the rate of the physics."""
+"""They are multiples or divisors of the people's action rate, and divisors of the physics rate."""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The settings of an environment; ``None`` stands for the value of the task or robot.
+    """The settings of an environment; with ``None``, the value of the task or robot applies.
 
     Raises:
-        ValueError: for a value that is not allowed, with those that are.
+        ValueError: for a value that is not allowed. The message contains the allowed values.
     """
 
     control_hz: Annotated[int, Meta(description="Rate of the robot's actions; people act at 10 Hz.")] = 10
@@ -37,14 +37,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     table_offset_m: Annotated[
         tuple[float, float, float] | None,
-        Meta(description="Where the table is, relative to its usual place."),
+        Meta(description="Position of the table relative to its default position."),
     ] = None
     robot_pose: Annotated[
         tuple[float, float, float] | None,
-        Meta(description="Place x, y (m) and yaw (degrees) of the robot's base, instead of the search."),
+        Meta(
+            description="Position x, y (m) and yaw (degrees) of the robot's base; without it, a search determines them."
+        ),
     ] = None
     torso_height_m: Annotated[
-        tuple[float, float] | None, Meta(description="Range of the torso heights of drawn people.")
+        tuple[float, float] | None, Meta(description="Range of the torso heights of randomly drawn people.")
     ] = None
     body_mass_kg: Annotated[float | None, Meta(description="Mass of every person.")] = None
     range_share: Annotated[
@@ -52,7 +54,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     ] = 1.0
     standing_by: Annotated[
         tuple[tuple[str, float, float, float], ...],
-        Meta(description="Other robots, which do not move: name, place x, y (m) and yaw (degrees)."),
+        Meta(description="Other robots, which do not move: name, position x, y (m) and yaw (degrees)."),
     ] = ()
     self_collision: Annotated[
         bool, Meta(description="Whether links of the robot collide with each other, also in initial states.")
@@ -76,7 +78,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         lowest, highest = TORSO_HEIGHT_RANGE_M
         if not lowest <= low <= high <= highest:
             raise _refusal(
-                "torso_height_m", (low, high), f"lowest and highest, from {lowest:g} to {highest:g}"
+                "torso_height_m",
+                (low, high),
+                f"minimum and maximum in this order, both from {lowest:g} to {highest:g} m",
             )
         for name, (lowest, highest) in (("body_mass_kg", BODY_MASS_RANGE_KG), ("range_share", RANGE_SHARES)):
             value = getattr(self, name)
@@ -125,7 +129,7 @@ def parse_settings(lines: Sequence[str]) -> Settings:
     """Settings from texts ``name=value``; a value is a number, a word, or a list as in TOML.
 
     Raises:
-        ValueError: for a text of another form, and as ``as_settings`` does.
+        ValueError: for a text without this form, an unknown name, or a value that is not allowed.
     """
     values: dict[str, Any] = {}
     for line in lines:

@@ -52,9 +52,9 @@ def fingers(opening_m: float) -> dict[str, float]:
 
 
 BETWEEN_TIPS_M = np.zeros(3)
-UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """The cup's x across the fingers."""
-ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The washcloth's z across the fingers."""
 NEXT_TO_PERSON = Mount((-0.85, -0.6, 0.0), 0.0, BaseRange((-0.4, 0.1), (-0.4, 0.5), (-0.5, 0.5)))
 
@@ -67,9 +67,9 @@ FETCH = Robot(
     mounts={"wheelchair": NEXT_TO_PERSON, "bed": NEXT_TO_PERSON},
     grips={
         "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
-        "cup": Grip(BETWEEN_TIPS_M, UPRIGHT, fingers(0.0415)),
+        "cup": Grip(BETWEEN_TIPS_M, CUP_ROTATION, fingers(0.0415)),
         "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
-        "washcloth": Grip(BETWEEN_TIPS_M, ACROSS, fingers(0.012)),
+        "washcloth": Grip(BETWEEN_TIPS_M, WASHCLOTH_ROTATION, fingers(0.012)),
     },
     half_width_m=0.3,
     fixed_joints={"torso_lift_joint": 0.2},

@@ -69,7 +69,7 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """The designs of the analysed people; for a flow of simulated participants, the designs of these participants."""
+    """Session designs of the analysed participants: simulated ones if ``flow.simulated``, otherwise real ones."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 

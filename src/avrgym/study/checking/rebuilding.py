@@ -187,9 +187,9 @@ class _Rebuilding:
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
     ) -> dict[int, Plan]:
-        """The trial plans that match the recordings, by cell.
+        """The trial plans that match the recordings, by cell of the design.
 
-        If the list contains the cell, only this cell is considered.
+        If the participation list contains the participant's cell, only this cell is considered.
         """
         design = self._store.design
         cells = range(len(cell_orders(design)))

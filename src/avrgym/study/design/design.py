@@ -235,7 +235,9 @@ def _check(design: Design, folder: Path) -> None:
             "a packaged policy or another by its name, MODULE:ATTRIBUTE, or a folder in the study's folder",
         )
     if design.practice_policy:
-        check_pattern(("practice_policy",), design.practice_policy, _POLICY, "a policy, or nothing")
+        check_pattern(
+            ("practice_policy",), design.practice_policy, _POLICY, "the name of a policy, or an empty text"
+        )
     check_questionnaires(design.questionnaires)
     check_stop_rules(design.rules)
     _check_streams(design.streams)

@@ -44,14 +44,12 @@ def check_unique(place: Place, names: tuple[str, ...]) -> None:
 def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
     """Raise ``ValidationError`` if the name does not match the pattern; ``what`` describes valid names."""
     if not pattern.fullmatch(name):
-        raise ValidationError(
-            place, f"{name!r} is not a valid name; allowed: {what}, in letters, digits, - and _"
-        )
+        raise ValidationError(place, f"{name!r} is not a valid name; allowed: {what}")
 
 
 def check_id(place: Place, name: str, known: Container[str]) -> None:
     """Raise ``ValidationError`` if the name is invalid or already in ``known``."""
-    check_pattern(place, name, NAME, "at most 40 characters")
+    check_pattern(place, name, NAME, "1 to 40 letters, digits, - and _")
     if name in known:
         raise ValidationError(place, f"{name!r} is used twice; allowed: a unique name")
 

@@ -53,7 +53,8 @@ def _check(answers: Functioning) -> None:
             raise StudyError(f"unknown device class {device!r}; allowed: {', '.join(DEVICES)}")
     alone = {NONE, DECLINED} & set(answers.devices)
     if alone and len(answers.devices) > 1:
+        answer = alone.pop()
         raise StudyError(
-            f"{alone.pop()!r} cannot be combined; allowed: this answer alone, or classes of devices"
+            f"devices contains {answer!r} and other answers; allowed: {answer!r} alone, or one or more device classes"
         )
     check_line("the diagnosis", answers.diagnosis)

@@ -102,9 +102,9 @@ def _checked(folder: Path, file: IdentityFile) -> bytes:
         _decrypt_bytes(key, FORMAT, file.check)
     except InvalidTag:
         which = (
-            "the passphrase of the names"
+            "the passphrase of the identity file"
             if file.key_source.kind == "passphrase"
-            else f"the key file of the names, {key_path(file.key_source)},"
+            else f"the key file of the identity file, {key_path(file.key_source)},"
         )
         raise KeyUnavailable(f"{which} is wrong. Nothing was changed") from None
     return key

@@ -28,7 +28,7 @@ _given: dict[Path, str] = {}
 
 
 class KeyUnavailable(StudyError):
-    """The key of the names is missing or wrong. Nothing was changed."""
+    """The key of the identity file is missing or wrong. Nothing was changed."""
 
 
 class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -106,7 +106,7 @@ def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
         raise KeyUnavailable(
-            f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a backup, or set "
+            f"the key file of the identity file, {path}, cannot be read ({error.strerror}): restore a backup, or set "
             f"{KEY_FILE} to its path. Nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:

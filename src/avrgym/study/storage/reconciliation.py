@@ -158,9 +158,10 @@ def _all(
 class Differences:
     """Differences between participation list and database when a study is opened.
 
-    ``begin``: the reason to start a new list, if any. ``restored``: final states that the database lacks, by number.
-    ``missing``: contents that the list lacks. ``set_back``: this computer has stored later entries. ``is_unsigned``:
-    the list matches the database, but this user has not signed it.
+    ``begin``: the reason to start a new list, if any. ``restored``: final states that only the list contains, by
+    participant number. ``missing``: states of participants that only the database contains, by participant number.
+    ``set_back``: the list is an older copy; it lacks the last entry that this computer stored. ``is_unsigned``: the
+    list matches the database, but this user has not signed it.
     """
 
     begin: str | None = None

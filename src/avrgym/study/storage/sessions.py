@@ -132,9 +132,9 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
 def end_open_sessions(
     store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
 ) -> None:
-    """End all open sessions and running attempts of a participant, with these states.
+    """End the open sessions of a participant with the state ``sessions``, and running attempts with ``attempts``.
 
-    An ``interrupted`` attempt whose robot finished completes its trial.
+    If ``attempts`` is ``interrupted``, an attempt in which the robot has finished is stored as completed.
     """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)

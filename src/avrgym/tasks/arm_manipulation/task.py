@@ -24,7 +24,7 @@ from avrgym.tasks.arm_manipulation.reward import (
     lifted_pos_w,
     upwards_w,
 )
-from avrgym.tasks.observation import Observation, from_goal, position
+from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD
 from avrgym.tasks.task import Task, View, Views
 
@@ -54,7 +54,10 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Scooper within ±3 cm of a point below the forearm. The base also reaches the forearm's way to the armrest."""
+    """Initial states with the scooper within ±3 cm of a point below the forearm.
+
+    The base search has two goals: tool poses on the path of the forearm to the armrest.
+    """
     xp = namespace(uniforms)
     pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM)
     arm = RightArm(*(xp.stack([part[name] for name in human.RIGHT_ARM], axis=1) for part in (pos_w, q_w)))
@@ -78,12 +81,12 @@ def observation(scene: SceneConfig) -> Observation:
     """Scooper, forearm and both arms."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            from_goal("tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_pos_w(state)),
-            position("across_forearm", lambda state, _: upwards_w(state)),
+            goal_offset_entry("tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_pos_w(state)),
+            position_entry("across_forearm", lambda state, _: upwards_w(state)),
             seen.joint_positions(scene),
-            *seen.RIGHT_ARM_FROM_TORSO,
+            *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
     )

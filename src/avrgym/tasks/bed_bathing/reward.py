@@ -155,10 +155,10 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
 
 def _on_face(state: State) -> BoolArray:
-    """Boolean mask (N, C): cloth contacts on the face or its rim, not on a side or the back.
+    """Boolean mask (N, C): contacts on the wiping face of the cloth or its rim, not on its sides or rear.
 
-    These contacts are in the front half of the pad. Their normals differ by less than 75° from the face's normal (at a
-    side: 90°).
+    These contacts are in the front half of the pad. Their normals differ by less than 75° from the normal of the wiping
+    face (at a side: 90°).
     """
     to_pad = transforms.conjugate(state.pad_q_w)[:, None]
     place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])

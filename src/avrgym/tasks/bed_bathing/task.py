@@ -61,10 +61,10 @@ def observation(scene: SceneConfig) -> Observation:
     """The observation: pose of the cloth, joints of the robot's arm, positions of the person's arm."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
             seen.joint_positions(scene),
-            *seen.RIGHT_ARM_FROM_TORSO,
+            *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
     )

@@ -26,7 +26,7 @@ from avrgym.tasks.dressing.reward import (
     init_state,
 )
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.observation import EntryFunction, Observation, position
+from avrgym.tasks.observation import EntryFunction, Observation, position_entry
 from avrgym.tasks.task import Task, View, Views
 
 LEFT_ARM = ("left_upper_arm", "left_forearm", "left_hand")
@@ -73,12 +73,12 @@ def observation(scene: SceneConfig) -> Observation:
     """Opening, both arms, and the force of the cloth."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
             seen.joint_positions(scene),
-            position("shoulder_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 1)),
-            position("elbow_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 0)),
-            position("wrist_from_torso_m", _left_arm_from_torso(FOREARM_GEOM, 0)),
+            position_entry("shoulder_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 1)),
+            position_entry("elbow_from_torso_m", _left_arm_from_torso(UPPER_ARM_GEOM, 0)),
+            position_entry("wrist_from_torso_m", _left_arm_from_torso(FOREARM_GEOM, 0)),
             seen.TOOL_FORCE,
         )
     )

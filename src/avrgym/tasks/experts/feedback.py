@@ -69,7 +69,10 @@ def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_
 
 
 def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
-    """Standoff (N,) from the goal for lateral offsets (N,). It increases beyond ``free_m``, up to ``most_m``."""
+    """Standoff (N,) from the goal for lateral offsets (N,), in metres.
+
+    It is 0 up to the offset ``free_m``. Beyond this it increases linearly, to at most ``most_m``.
+    """
     return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
 
 

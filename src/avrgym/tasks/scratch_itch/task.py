@@ -18,7 +18,7 @@ from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.observation import Observation, from_goal, position
+from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
@@ -68,12 +68,16 @@ def observation(scene: SceneConfig) -> Observation:
     """The observation: scratcher, itch, joints of the robot's arm, positions of the person's arm."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            from_goal("tool_from_itch_m", lambda state, itch: state.tool_pos_w - itch_pos_w(state, itch)),
-            position("itch_from_torso_m", lambda state, itch: itch_pos_w(state, itch) - state.robot_pos_w),
+            goal_offset_entry(
+                "tool_from_itch_m", lambda state, itch: state.tool_pos_w - itch_pos_w(state, itch)
+            ),
+            position_entry(
+                "itch_from_torso_m", lambda state, itch: itch_pos_w(state, itch) - state.robot_pos_w
+            ),
             seen.joint_positions(scene),
-            *seen.RIGHT_ARM_FROM_TORSO,
+            *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
     )

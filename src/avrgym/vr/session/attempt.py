@@ -158,7 +158,7 @@ class Attempt:
 
     def record_frames(self, followed: TrackingUpdate) -> None:
         """Record tracking frames in the order of arrival. The newest frame moved the person, except its held parts."""
-        deviating = [part for part in PARTS if part in followed.deviating or part in followed.lost]
+        deviating = [part for part in PARTS if part in followed.deviating_parts or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
             record = schema.TrackingFrame(
@@ -237,7 +237,7 @@ def configuration(
         seed=trial.seed,
         practice=trial.practice,
         goal=plan.goal_of(trial),
-        tracked=tuple(world.task.tracked),
+        needed_parts=tuple(world.task.tracked),
         trial=index + 1,
         attempt=attempt,
         steps=plan.trial_steps,

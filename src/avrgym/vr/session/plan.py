@@ -51,13 +51,13 @@ class OpenQuestionnaire:
 class HeadsetCheckPlan:
     """Durations of the headset check's measurements: at rest, with stretched arms, and in motion.
 
-    ``stop_s`` is the time limit for the test stop.
+    ``test_stop_limit_s`` is the time limit for the test stop.
     """
 
     at_rest_s: float = 10.0
     stretched_s: float = 10.0
     moving_s: float = 40.0
-    stop_s: float = 60.0
+    test_stop_limit_s: float = 60.0
 
 
 @dataclass(frozen=True)

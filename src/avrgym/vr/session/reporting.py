@@ -49,7 +49,7 @@ class Reporter:
             self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
-        deviating = {*tracking.deviating, *self._obstruction.parts()}
+        deviating = {*tracking.deviating_parts, *self._obstruction.parts()}
         return messages.State(
             sequence=self._ticks,
             simulation_time_s=self._ticks * TICK_S,

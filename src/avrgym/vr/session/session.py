@@ -279,8 +279,8 @@ class Session:
         for part in PARTS:
             if (part in followed.lost) != (part in followed.lost_before):
                 self._report_tracking(part, lost=part in followed.lost)
-            if (part in followed.deviating) != (part in followed.deviating_before):
-                state.record_event("pose_held" if part in followed.deviating else "pose_followed", part)
+            if (part in followed.deviating_parts) != (part in followed.deviating_parts_before):
+                state.record_event("pose_held" if part in followed.deviating_parts else "pose_followed", part)
         if attempt is None:
             return
         attempt.record_frames(followed)

@@ -91,7 +91,7 @@ class Limbs:
         self._limbs: dict[Part, Limb] = {part: Limb() for part in PARTS}
 
     @property
-    def deviating(self) -> tuple[Part, ...]:
+    def deviating_parts(self) -> tuple[Part, ...]:
         """The parts that are not at their tracked poses."""
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 

@@ -23,17 +23,17 @@ from avrgym.vr.tracking.switches import Hands
 class TrackingUpdate:
     """Tracking in one tick: frames that arrived, the newest frame, and changes.
 
-    ``newest`` is ``None`` if no usable frame is fresh; ``silent`` is then true. ``deviating`` are the parts of the body
-    that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses; ``lost`` are the parts
-    among them that the task needs. ``deviating_before`` and ``lost_before`` are the values of the previous tick.
-    ``pose`` is the target pose of the body, if any.
+    ``newest`` is ``None`` if no usable frame is fresh; ``silent`` is then true. ``deviating_parts`` are the parts of
+    the body that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses; ``lost`` are
+    the parts among them that the task needs. ``deviating_parts_before`` and ``lost_before`` are the values of the
+    previous tick. ``pose`` is the target pose of the body, if any.
     """
 
     arrived: Sequence[Frame]
     newest: Frame | None = None
     silent: bool = False
-    deviating: tuple[Part, ...] = ()
-    deviating_before: tuple[Part, ...] = ()
+    deviating_parts: tuple[Part, ...] = ()
+    deviating_parts_before: tuple[Part, ...] = ()
     untracked: tuple[Part, ...] = ()
     lost: tuple[Part, ...] = ()
     lost_before: tuple[Part, ...] = ()
@@ -85,11 +85,11 @@ class TrackingState:
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
-    def deviating(self) -> tuple[Part, ...]:
+    def deviating_parts(self) -> tuple[Part, ...]:
         """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
             return PARTS
-        return tuple(part for part in PARTS if part in self._limbs.deviating or part in self.untracked)
+        return tuple(part for part in PARTS if part in self._limbs.deviating_parts or part in self.untracked)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -125,7 +125,11 @@ class TrackingState:
         """Compute the body's target pose from the newest frame, if it is fresh. ``needed``: parts that the task
         needs."""
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
-        arrived, deviating_before, lost_before = self._feed.take_arrived(), self._limbs.deviating, self.lost
+        arrived, deviating_parts_before, lost_before = (
+            self._feed.take_arrived(),
+            self._limbs.deviating_parts,
+            self.lost,
+        )
         self.untracked = self._feed.freshness.stale(now_s)
         self.lost = tuple(part for part in self.untracked if part in needed)
         if newest is not None and not silent and self.registration is not None:
@@ -136,8 +140,8 @@ class TrackingState:
             arrived,
             None if silent else newest,
             silent,
-            self._limbs.deviating,
-            deviating_before,
+            self._limbs.deviating_parts,
+            deviating_parts_before,
             self.untracked,
             self.lost,
             lost_before,
@@ -148,7 +152,10 @@ class TrackingState:
 
     @property
     def placed(self) -> messages.Placed | None:
-        """The present place of the world in the participant's room while it moves, otherwise ``None``."""
+        """Target pose and remaining time of the world's motion in the participant's room.
+
+        ``None`` while the world does not move.
+        """
         if self._glide is None or self.registration is None:
             return None
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
@@ -170,7 +177,7 @@ class TrackingState:
             or self._resting is None
         ):
             return None
-        if "head" in self.deviating:
+        if "head" in self.deviating_parts:
             self._sliding.reset()
             return None
         assert self.registration is not None
@@ -200,7 +207,7 @@ class TrackingState:
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
             self._limbs.update(self._tracked, newest.captured_s, now_s)
             self._pose = None
-        if self._pose is None or self._limbs.deviating:
+        if self._pose is None or self._limbs.deviating_parts:
             assert self._tracked is not None
             self._pose = body_pose(registration, self._limbs.follow(self._tracked, now_s))
         return self._pose

@@ -17,7 +17,7 @@ from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
 from avrgym.tasks.experts.motion_planner import MotionPlanner
-from avrgym.tasks.observation import Observation, from_goal
+from avrgym.tasks.observation import Observation, goal_offset_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD
 from avrgym.tasks.task import Task, View, Views
 from avrgym_example.handover.remote import REMOTE
@@ -25,7 +25,7 @@ from avrgym_example.handover.reward import HAND, WEIGHTS, HandoverState, evaluat
 
 POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
 HAND_START_W, START_SPREAD_M = (-0.55, -0.05, 0.8), 0.05
-POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+TOOL_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 """Pointing 45° upwards to the person's left."""
 GAP_M, SLOWEST_M_S = 0.065, 0.03
 """Distance of the remote control's end from the hand's centre, and the lowest speed there."""
@@ -41,7 +41,7 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point next to the forearm; the base reaches the person's hand."""
     hand_w = np.array(HAND_START_W) + START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, POINTING_Q_W)
+    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, TOOL_Q_W)
     goal_w = placement.right_arm_joints_w(people, scene.posture)[:, HAND:]
     return placement.placed_start(
         scene, people, {}, tool_w, tool_q_w, goal_w, tool_q_w[:, None], uniforms[:, 3:]
@@ -52,11 +52,11 @@ def observation(scene: SceneConfig) -> Observation:
     """Remote control, hand and both arms."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            from_goal("tool_from_hand_m", lambda state, _: state.tool_pos_w - palm_w(state)),
+            goal_offset_entry("tool_from_hand_m", lambda state, _: state.tool_pos_w - palm_w(state)),
             seen.joint_positions(scene),
-            *seen.RIGHT_ARM_FROM_TORSO,
+            *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
     )
@@ -64,9 +64,9 @@ def observation(scene: SceneConfig) -> Observation:
 
 def tool_target(state: State, task_state: HandoverState, planner: MotionPlanner) -> ToolTarget:
     """Straight to the hand, on the side of the robot, and stop before the skin."""
-    goal_w = palm_w(state) - GAP_M * transforms.rotate(POINTING_Q_W, (1.0, 0.0, 0.0))
+    goal_w = palm_w(state) - GAP_M * transforms.rotate(TOOL_Q_W, (1.0, 0.0, 0.0))
     speed = speed_m_s(goal_w - planner.pos_w, SLOWEST_M_S)
-    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed
+    return goal_w, np.tile(TOOL_Q_W, (len(goal_w), 1)), speed
 
 
 HANDOVER = Task(

@@ -158,7 +158,7 @@ class CheckStop(HeadsetCheckPhase):
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.seconds = self._durations.stop_s
+        self.seconds = self._durations.test_stop_limit_s
         self._asked_s = state.now_s
 
     def stop(

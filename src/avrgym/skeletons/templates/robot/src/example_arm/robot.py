@@ -34,9 +34,9 @@ _ARM = tuned_arm(
     effort_limit=[80.0, 80.0, 60.0, 60.0, 30.0, 30.0, 30.0],
 )
 BETWEEN_TIPS_M = np.array([0.13, 0.0, 0.0])
-UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """The cup's x across the fingers."""
-ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The washcloth's z across the fingers."""
 BESIDE = Mount((-0.7, -0.65, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))
 
@@ -49,9 +49,9 @@ ROBOT = Robot(
     mounts={"wheelchair": BESIDE, "bed": BESIDE},
     grips={
         "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
-        "cup": Grip(BETWEEN_TIPS_M, UPRIGHT, fingers(0.042)),
+        "cup": Grip(BETWEEN_TIPS_M, CUP_ROTATION, fingers(0.042)),
         "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
-        "washcloth": Grip(BETWEEN_TIPS_M, ACROSS, fingers(0.0098)),
+        "washcloth": Grip(BETWEEN_TIPS_M, WASHCLOTH_ROTATION, fingers(0.0098)),
     },
     half_width_m=0.18,
 )

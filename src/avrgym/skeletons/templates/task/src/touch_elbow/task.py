@@ -20,15 +20,15 @@ from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
 from avrgym.tasks.experts.motion_planner import MotionPlanner
-from avrgym.tasks.observation import Observation, from_goal
+from avrgym.tasks.observation import Observation, goal_offset_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD, force_above_limit
 from avrgym.tasks.task import Marks, StepResult, Task, View, Views
 
 ELBOW = 1
 REACHED_M, TOUCHES = 0.08, 5
 POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
-HAND_W = (-0.55, 0.0, 0.8)
-POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+ROBOT_HAND_POS_W = (-0.55, 0.0, 0.8)
+TOOL_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point next to the elbow; the base reaches the elbow."""
-    hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, POINTING_Q_W)
+    hand_w = np.array(ROBOT_HAND_POS_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, TOOL_Q_W)
     elbow_w = placement.right_arm_joints_w(people, scene.posture)[:, ELBOW]
     return placement.placed_start(
         scene, people, {}, tool_w, tool_q_w, elbow_w[:, None], tool_q_w[:, None], uniforms[:, 3:]
@@ -69,11 +69,11 @@ def observation(scene: SceneConfig) -> Observation:
     """Tool, elbow and both arms."""
     return Observation(
         (
-            seen.TOOL_FROM_TORSO,
+            seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            from_goal("tool_from_elbow_m", lambda state, _: state.tool_pos_w - elbow_w(state)),
+            goal_offset_entry("tool_from_elbow_m", lambda state, _: state.tool_pos_w - elbow_w(state)),
             seen.joint_positions(scene),
-            *seen.RIGHT_ARM_FROM_TORSO,
+            *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
     )
@@ -107,7 +107,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
 def tool_target(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
     """Straight to the elbow with decreasing speed; stop at contact."""
     goal_w = np.where(state.tool_force_n[:, None] > 0.0, planner.pos_w, elbow_w(state))
-    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
+    return goal_w, np.tile(TOOL_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
 
 
 TASK = Task(
