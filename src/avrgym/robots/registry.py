@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from avrgym.models.robot import Robot
 from avrgym.robots.gen3.robot import GEN3
 from avrgym.robots.jaco.robot import JACO
-from avrgym.robots.optional import MISSING, how_to_add
 from avrgym.robots.panda.robot import PANDA
 from avrgym.robots.pr2.robot import PR2
 from avrgym.robots.stretch.robot import STRETCH
 from avrgym.robots.ur5.robot import UR5
 from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
+from avrgym.system.optional_robots import MISSING, how_to_add
 
 _PACKAGED = (JACO, PR2, PANDA, GEN3, UR5, STRETCH)
 _robots: dict[str, Robot] = {robot.name: robot for robot in _PACKAGED if robot.name not in MISSING}

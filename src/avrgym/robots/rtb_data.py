@@ -13,8 +13,17 @@ def rtb_data_path(path: str) -> Path:
 
 
 def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> None:
-    """Add visual meshes of a folder of the package: file by body."""
-    from avrgym.models.urdf import add_mesh, colour_of, read_mesh  # with trimesh
+    """Add visual meshes of a folder of the package: file by body.
+
+    Raises:
+        RuntimeError: without the packages that read the meshes.
+    """
+    try:
+        from avrgym.models.urdf import add_mesh, colour_of, read_mesh
+    except ImportError as error:
+        raise RuntimeError(
+            f"pictures of this robot need {error.name}; `pip install avrgym[vr]` installs it"
+        ) from error
 
     for body, file in meshes.items():
         for number, part in enumerate(read_mesh(rtb_data_path(folder) / file)):

@@ -2,11 +2,11 @@
 
 from itertools import product
 
-from avrgym.robots import optional
+from avrgym.system import optional_robots
 
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
-ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional.INSTALLED)
+ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED)
 """Names of the tasks of the paper, of all packaged tasks, and of the packaged robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2

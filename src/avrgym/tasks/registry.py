@@ -10,9 +10,9 @@ from functools import lru_cache
 
 from avrgym.models.robot import Robot, UnsuitableError, standing_robot
 from avrgym.models.scene import SceneConfig
-from avrgym.robots.optional import how_to_add
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
+from avrgym.system.optional_robots import how_to_add
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_entry_point
 from avrgym.tasks.arm_manipulation.task import ARM_MANIPULATION
 from avrgym.tasks.bed_bathing.task import BED_BATHING

@@ -10,7 +10,7 @@ import numpy as np
 from avrgym.geometry import transforms
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.robot import Arm, BaseRange, CameraMount, Grip, Mount, Robot
-from avrgym.robots.optional import PACKAGES
+from avrgym.system.optional_robots import PACKAGES
 
 MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
 

@@ -4,10 +4,19 @@ from importlib.util import find_spec
 
 PACKAGES = {"Stretch": "stretch_urdf"}
 """Package with the meshes, by robot. The extra has the robot's name in lower case."""
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return find_spec(package) is not None
+    except ImportError:
+        return False
+
+
 MISSING = {
     robot: f"pip install avrgym[{robot.lower()}]"
     for robot, package in PACKAGES.items()
-    if find_spec(package) is None
+    if not _is_installed(package)
 }
 """Robots that are left out, and the command that adds them."""
 INSTALLED = tuple(robot for robot in PACKAGES if robot not in MISSING)
