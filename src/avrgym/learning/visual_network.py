@@ -15,11 +15,11 @@ from avrgym.networks.vision import Vision
 CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
 """Outputs, sizes and strides of the convolutions."""
 SEEN, JOINED = 64, 96
-"""Units of the dense layers: of the image alone, and with the measured entries."""
+"""Units of the first dense layer (image only) and of the second (with the measured entries)."""
 
 
 class VisualNetwork(nn.Module):
-    """Estimates normalised entries of the observation, and the actions of a teacher from them."""
+    """Estimates normalised entries of the observation, and computes a teacher's actions from them."""
 
     def __init__(self, teacher: Policy, estimated: list[int], image_shape: tuple[int, int, int]) -> None:
         """Random weights for images (H, W, C); ``estimated`` are the entries' indices."""

@@ -1,9 +1,9 @@
-"""Recipe of policies with vision (``--recipe visual``): imitation of a trained policy that sees the whole state.
+"""Recipe of policies with vision (``--recipe visual``): imitation of a trained policy that observes the whole state.
 
 The policy measures its arm's angles and the tool's pose, which follows from them. It estimates all other entries of the
 observation from the image of a camera, and acts on the estimates as the teacher acts on the true values ("learning by
-cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on the policy drives more and
-more of the worlds. The loss contains the error of the estimates and that of the teacher's actions.
+cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on, the policy controls
+an increasing share of the worlds. The loss contains the error of the estimates and that of the teacher's actions.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -193,7 +193,7 @@ class VisualRecipe:
         )
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Lower the errors of estimates and actions in all demonstrations; longer in the last round."""
+        """Train the network on all demonstrations, with more gradient steps in the last round."""
         rows = self._normalised(self._demonstrations.joined("observations"))
         actions = torch.as_tensor(self._demonstrations.joined("actions")).clamp(-1.0, 1.0)
         images = torch.as_tensor(self._demonstrations.joined("images"))

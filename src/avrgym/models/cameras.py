@@ -1,4 +1,4 @@
-"""Cameras of a scene: where they are mounted, and which images they return.
+"""Cameras of a scene: their poses and their images.
 
 Every scene has two cameras: ``wrist`` is fixed to the hand, above the grip, and looks along the tool; ``scene`` shows
 person and robot from the side. A robot may have more, see ``models.robot.Robot.cameras``.
@@ -24,9 +24,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
 """Smallest and largest width and height of an image."""
 MAX_DEPTH_M = 10.0
-"""Depth of everything farther away, and of the sky."""
+"""Maximum depth. Farther surfaces and the sky have this depth."""
 LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
-"""Meaning of the numbers in a segmentation. A garment is a tool; floor and sky are background."""
+"""Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
 STATE = "state"
 """Name of the entry without images in an observation with cameras."""
 SCENE_FOVY_DEG = 45.0
@@ -94,20 +94,20 @@ AnyCamera = CameraSpec | str | Mapping[str, Any]
 """A camera, its name, its fields, or a text such as ``wrist:128x96:rgb+depth``."""
 
 
-def as_cameras(cameras: Iterable[AnyCamera], of: robot.Robot) -> tuple[CameraSpec, ...]:
+def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
     """The cameras of a robot's scene.
 
     Raises:
-        ValueError: for a camera that the robot does not have, two of one name, or an invalid field, with what is
-            allowed.
+        ValueError: for a camera that the robot does not have, two cameras with the same name, or an invalid field. The
+            message contains what is allowed.
     """
     if isinstance(cameras, str | CameraSpec | Mapping):
         raise ValueError(f"cameras is {cameras!r}; allowed: a list, such as ['wrist']")
     found = tuple(_as_camera(each) for each in cameras)
-    allowed = (WRIST, SCENE, *of.cameras)
+    allowed = (WRIST, SCENE, *scene_robot.cameras)
     for each in found:
         if each.name not in allowed:
-            raise ValueError(f"unknown camera {each.name!r}; {of.name} has {', '.join(allowed)}")
+            raise ValueError(f"unknown camera {each.name!r}; {scene_robot.name} has {', '.join(allowed)}")
     names = [each.name for each in found]
     if len({*names}) < len(names):
         raise ValueError(f"cameras are {', '.join(names)}; allowed: each once, with all its kinds")
@@ -129,7 +129,11 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
 
 
 def camera_from_text(text: str) -> CameraSpec:
-    """A camera from its name, size and kinds, such as ``wrist:128x96:rgb+depth``; ``ValueError`` for another form."""
+    """A camera from a text with its name, size and kinds, such as ``wrist:128x96:rgb+depth``.
+
+    Raises:
+        ValueError: for a text without this form.
+    """
     name, *rest = text.split(":")
     size, kinds = (*rest, "", "")[:2]
     width, _, height = (size or "64x64").partition("x")
@@ -163,19 +167,19 @@ def add_cameras(
     for camera in cameras:
         if camera.name == SCENE:
             body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_FOVY_DEG
-            q = looking(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
+            q = camera_rotation(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
         elif camera.name == WRIST:
             body, pos, fovy_deg = spec.body(TOOL), scene.tool.grip_pos + WRIST_FROM_GRIP_M, WRIST_FOVY_DEG
-            q = looking(WRIST_TARGET_M - pos, [0.0, 0.0, 1.0])
+            q = camera_rotation(WRIST_TARGET_M - pos, [0.0, 0.0, 1.0])
         else:
             mount = scene.robot.cameras[camera.name]
             body, pos, fovy_deg = spec.body(robot.PREFIX + mount.body), mount.pos_m, mount.fovy_deg
-            q = looking(mount.forward, mount.up)
+            q = camera_rotation(mount.forward, mount.up)
         body.add_camera(name=camera.name, pos=pos, quat=q, fovy=camera.fovy_deg or fovy_deg)
 
 
-def looking(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
-    """Rotation (4,) of a camera of MuJoCo, which looks along −z with y up and x to the right."""
+def camera_rotation(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
+    """Rotation (4,) of a camera that looks forward. The axes are MuJoCo's: forward is −z, up is y, right is x."""
     back = -np.asarray(forward, float) / np.linalg.norm(forward)
     right = np.cross(up, back)
     right /= np.linalg.norm(right)

@@ -1,7 +1,7 @@
-"""Cloth that a tool holds: a sheet of triangles with stretch and bending, one of MuJoCo's flexes.
+"""Cloth that a tool holds: a triangle mesh with stretching and bending stiffness (a flex of MuJoCo).
 
 Each vertex is a body with three slide joints whose values are its position in the world frame. The scene needs the
-integrator ``discrete``: it treats the stiffness of the sheet implicitly, so that steps of 10 ms are stable.
+integrator ``discrete``. It integrates the stiffness implicitly; steps of 10 ms are therefore stable.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Cloth:
     """A sheet of cloth. It collides with people only, and not with itself.
 
     Attributes:
-        name: of the flex, and prefix of the vertices' bodies.
+        name: name of the flex, and prefix of the names of the vertices' bodies.
         start: vertices (V, 3) at rest and at the start of an episode, in the tool's frame, metres.
         faces: triangles (F, 3), indices of vertices.
         held: indices of the vertices that the tool holds.
@@ -56,17 +56,17 @@ HOLD_TIME_S = 0.02
 """Time constant of the constraints between held vertices and the tool."""
 _STRETCH_AND_BEND = 3
 _NARROW_INERTIA_M2 = 1e-4
-"""Rotational inertia per mass of a vertex. It does not turn, but MuJoCo needs an inertia."""
+"""Rotational inertia of a vertex per mass. Vertices do not rotate, but MuJoCo requires an inertia."""
 
 
 def add_holds(body: mujoco.MjsBody, cloth: Cloth) -> None:
-    """Add the sites of a tool's body that hold the cloth."""
+    """Add sites to a tool's body, one for each vertex that it holds."""
     for vertex in cloth.held:
-        body.add_site(name=_hold(cloth, vertex), pos=cloth.start[vertex], size=[0.002] * 3, group=4)
+        body.add_site(name=_site_name(cloth, vertex), pos=cloth.start[vertex], size=[0.002] * 3, group=4)
 
 
 def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, prefix: str, appearance: bool) -> None:
-    """Add the cloth to the world. ``prefix`` is that of the tool whose body has its holds."""
+    """Add the cloth to the world. ``prefix`` is the name prefix of the tool's sites, see ``add_holds``."""
     mass = cloth.mass_kg / len(cloth.start)
     for name, place in zip(cloth.bodies, cloth.start, strict=True):
         body = spec.worldbody.add_body(name=name, pos=place, mass=mass, explicitinertial=True)
@@ -78,16 +78,16 @@ def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, prefix: str, appearance: bool) 
         name = cloth.bodies[vertex]
         spec.body(name).add_site(name=name, size=[0.002] * 3, group=4)
         spec.add_equality(
-            name=_hold(cloth, vertex),
+            name=_site_name(cloth, vertex),
             type=mujoco.mjtEq.mjEQ_CONNECT,
             objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1=prefix + _hold(cloth, vertex),
+            name1=prefix + _site_name(cloth, vertex),
             name2=name,
             solref=[HOLD_TIME_S, 1.0],
         )
 
 
-def _hold(cloth: Cloth, vertex: int) -> str:
+def _site_name(cloth: Cloth, vertex: int) -> str:
     return f"{cloth.name}_hold_{vertex}"
 
 

@@ -11,7 +11,7 @@ MOTOR_GROUP = 1
 """Actuator group of the moving arm and of the drive."""
 _SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 DRIVE_ACTIONS = ("forward", "turn")
-"""Components of an action after those of the arm."""
+"""Components of an action for the drive. They follow the components for the arm."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class DifferentialDrive:
 
     @property
     def speed_limit(self) -> FloatArray:
-        """Speeds (2,) of actions of 1: forward in m/s, turn in rad/s."""
+        """Speeds (2,) for an action of 1: forward in m/s, turn in rad/s."""
         return np.array([self.speed_limit_m_s, self.turn_limit_rad_s])
 
     @property
@@ -52,12 +52,13 @@ DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
 DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
 """Velocity servos of a driving base, in its own frame. The command sideways is 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
-"""Damping of the drive's servos divided by the robot's mass or inertia: the highest one without chatter at the force
-limit, in physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps by 4 mm/s until the brakes hold it."""
+"""Damping of the drive's servos divided by the robot's mass or inertia: the highest value without oscillation at the
+force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps by 4 mm/s until the
+brakes hold it."""
 
 
 def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDrive) -> None:
-    """Planar joints of the base, and velocity servos in the base's own frame."""
+    """Add planar joints to the base, and velocity servos in the base's own frame."""
     for name, kind, axis in zip(DRIVE_JOINTS, (_SLIDE, _SLIDE, _HINGE), np.eye(3), strict=True):
         base.add_joint(name=name, type=kind, axis=axis)
     base.add_site(name="drive")

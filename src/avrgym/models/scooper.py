@@ -12,15 +12,14 @@ from avrgym.models.tools import Tool
 
 PADDING_RADIUS_M, HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
 """The trough is 14 cm wide outside, 10 cm inside (x), 7 cm long (y), and its rims are 5 cm above its floor (z)."""
-DEPTH_M = PADDING_RADIUS_M
-"""Height of the floor's surface above the origin."""
 GRIP_M = -(HALF_WIDTH_M + 0.06)
+"""Position of the grip on the x axis."""
 _HANDLE_END_M = GRIP_M - 0.03
 _RIBS_Y_M = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 4)
 
 
 def _build_scooper(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """Two bars below the forearm, a rim on each side, and the handle. The arm glides without friction."""
+    """Build two bars below the forearm, a rim on each side, and the handle. Contacts have no friction."""
     x, y, z = HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M
     for name, ends, radius in (
         ("right_bar", [-x, -y, 0, x, -y, 0], PADDING_RADIUS_M),
@@ -38,7 +37,7 @@ def _build_scooper(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) 
 
 
 def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """Ribs of foam across the trough, and the handle."""
+    """Add the appearance: ribs of foam across the trough, and the handle."""
     foam = add_material(spec, "scooper_foam", (0.20, 0.45, 0.60), roughness=0.9)
     plastic = add_material(spec, "scooper_handle", (0.85, 0.86, 0.84), roughness=0.5)
     x, z = HALF_WIDTH_M, RIM_HEIGHT_M

@@ -12,11 +12,11 @@ from avrgym.models.robot import Arm, Robot, robot_spec
 SAMPLES = 1000
 """Number of sampled poses of the arm."""
 ALWAYS_SHARE = 0.9
-"""Bodies that touch in this share of the poses overlap by their shapes, such as neighbours."""
+"""A pair that touches in this share of the poses or more does not collide: its shapes overlap permanently."""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
-    """Let the links of a scene's robot collide with each other, except for pairs that cannot.
+    """Let the links of a scene's robot collide with each other: the pairs of ``collision_pairs``.
 
     Args:
         spec: a scene with the robot.
@@ -38,9 +38,9 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
 def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     """Pairs of bodies, by name, that may collide.
 
-    Sampled poses of the arm contain the pairs within reach. Left out are links with at most one link between them,
-    whose capsules overlap where the real ones do not, pairs that touch at the seed pose, and pairs that nearly always
-    touch.
+    These pairs touch in sampled poses of the arm. Three kinds of pairs are left out: links with at most one link
+    between them (their capsules overlap, the real links do not), pairs that touch at the seed pose, and pairs that
+    touch in most poses, see ``ALWAYS_SHARE``.
     """
     spec = robot_spec(robot, arm, appearance=False)
     for geom in spec.geoms:
@@ -70,7 +70,7 @@ def _are_near(model: mujoco.MjModel, pair: frozenset[str]) -> bool:
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """The bodies that carry a body, over two joints."""
+    """A body and the bodies that carry it, over two joints."""
     found = [body]
     for _ in range(2):
         found.append(int(model.body_weldid[model.body_parentid[found[-1]]]))
@@ -80,7 +80,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
 def _touching(
     model: mujoco.MjModel, data: mujoco.MjData, places: list[int], pose: np.ndarray
 ) -> set[frozenset[str]]:
-    """Pairs of bodies in contact at a pose of the arm. MuJoCo leaves out parents with their children."""
+    """Pairs of bodies in contact at a pose of the arm. MuJoCo does not report contacts of a body with its parent."""
     data.qpos[places] = pose
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)

@@ -1,7 +1,7 @@
 """The sleeve of a gown, held open by a hoop with a gap and a handle.
 
 The origin of the tool's frame is the centre of the opening; y is the direction in which the sleeve is drawn, along the
-arm to the shoulder. The handle is like the washcloth's ridge: hands hold it with the same grip.
+arm to the shoulder. Hands hold the handle with the same grip as the washcloth.
 """
 
 from itertools import pairwise
@@ -22,7 +22,8 @@ AROUND, RINGS = 8, 5
 OPENING_RADIUS_M, END_RADIUS_M, LENGTH_M = 0.095, 0.085, 0.28
 """Radii at the opening and at the far end, and length: a short sleeve that leaves the hand free."""
 HELD = (5, 6, 7, 0, 1, 2)
-"""Vertices of the opening that the hoop holds. Its gap is on the side away from the hand, wider than an arm."""
+"""Vertices of the opening that are fixed to the hoop. The gap of the hoop is wider than an arm, and on the side away
+from the robot's hand."""
 _HOOP_RADIUS_M, _HANDLE_M = 0.005, 0.05
 _HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M = 0.043, 0.006
 _GRIP_ON_HANDLE_M = 0.042
@@ -41,7 +42,7 @@ def _vertices() -> FloatArray:
 
 
 def _faces() -> NDArray[np.int64]:
-    """Triangles (F, 3); the diagonals alternate: the sleeve does not twist."""
+    """Triangles (F, 3). Their diagonals alternate; parallel diagonals would twist the sleeve."""
     found: list[tuple[int, int, int]] = []
     for ring in range(RINGS - 1):
         for place in range(AROUND):
@@ -65,12 +66,12 @@ GOWN = Cloth(
     friction=0.2,
     rgb=_GOWN_RGB,
 )
-"""Assumptions: 0.35 kg/m², as terry. Bending and stretching are those of a padded garment that keeps its shape in large
-folds; finer folds need more vertices."""
+"""Assumptions: the mass per area of terry cloth (0.35 kg/m²), and the stiffness of a padded garment with large folds.
+Finer folds need more vertices."""
 
 
 def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A hoop of rods through the held vertices, and a handle."""
+    """Build a hoop of rods along the held vertices, and a handle."""
     add_holds(body, GOWN)
     rim = GOWN.start[list(HELD)]
     for number, (begin, end) in enumerate(pairwise(rim)):

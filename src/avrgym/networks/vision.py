@@ -1,6 +1,6 @@
-"""The vision of a policy: a small convolutional network in NumPy that replaces entries of the observation.
+"""The vision of a policy: a small convolutional network in NumPy that estimates entries of the observation.
 
-It estimates entries that a robot cannot measure, such as the position of the mouth, from an image and from the measured
+A robot cannot measure these entries, for example the position of the mouth. The inputs are an image and the measured
 entries.
 """
 
@@ -14,23 +14,23 @@ from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.networks.layers import frozen, product
 
 MAX_DEPTH_M = 1.2
-"""Depth that counts as 1 in the network's input; everything farther does too."""
+"""Depth with the value 1 in the network's input. Larger depths also have the value 1."""
 CONVOLUTIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Vision:
-    """Convolutions with rectified units, then two dense layers; the second also takes the measured entries.
+    """Convolutions with rectified linear units, then three dense layers. The second also takes the measured entries.
 
     All arrays are stored as read-only float64.
 
     Args:
-        kernels: of each convolution, (K, K, inputs, outputs).
-        kernel_biases: (outputs,) each.
-        strides: of each convolution, (3,) whole numbers.
-        dense_weights: (inputs, outputs) of three layers; the inputs of the second are the first one's outputs and the
-            measured entries.
-        dense_biases: (outputs,) each.
+        kernels: one array (K, K, inputs, outputs) for each convolution.
+        kernel_biases: one array (outputs,) for each convolution.
+        strides: strides (3,) of the convolutions, integers.
+        dense_weights: one array (inputs, outputs) for each dense layer. The inputs of the second are the outputs of the
+            first and the measured entries.
+        dense_biases: one array (outputs,) for each dense layer.
         estimated: indices (E,) of the entries of the observation that are estimated.
     """
 
@@ -48,7 +48,7 @@ class Vision:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def fill(self, rows: FloatArray, image: FloatArray) -> FloatArray:
-        """Normalised observations (N, O) with estimates instead of their estimated entries.
+        """Returns normalised observations (N, O) with the network's estimates in the estimated entries.
 
         Args:
             rows: (N, O); the values of estimated entries are not used.
@@ -104,26 +104,33 @@ class Vision:
         for number, (kernel, stride) in enumerate(zip(self.kernels, self.strides.tolist(), strict=True)):
             size = kernel.shape[0] if kernel.ndim == 4 else 0
             if not size or kernel.shape[:3] != (size, size, channels) or stride != int(stride) or stride < 1:
-                raise ValueError(f"vision.kernel.{number} has the shape {kernel.shape} and stride {stride}")
+                raise ValueError(
+                    f"vision.kernel.{number} has the shape {kernel.shape} and stride {stride}; "
+                    f"allowed: (K, K, {channels}, outputs) and 1 or more"
+                )
             height, width = (int((side - size) // stride + 1) for side in (height, width))
             channels = kernel.shape[3]
             _check(f"vision.kernel_bias.{number}", self.kernel_biases[number], (channels,))
         estimated = self.estimated
         whole = estimated.ndim == 1 and (estimated == np.round(estimated)).all()
         if not whole or not len(estimated) or len({*estimated.tolist()}) < len(estimated):
-            raise ValueError("vision.estimated contains no different indices")
+            raise ValueError(
+                f"vision.estimated is {estimated.tolist()}; allowed: one or more different indices"
+            )
         if estimated.min() < 0 or estimated.max() >= observation_size:
-            raise ValueError(f"vision.estimated is outside 0 to {observation_size - 1}")
+            raise ValueError(
+                f"vision.estimated is {estimated.tolist()}; allowed: indices from 0 to {observation_size - 1}"
+            )
         inputs, measured = height * width * channels, observation_size - len(estimated)
         for number, (weight, extra) in enumerate(zip(self.dense_weights, (0, measured, 0), strict=True)):
             if weight.ndim != 2 or weight.shape[0] != inputs + extra:
                 raise ValueError(
-                    f"vision.dense.{number} has the shape {weight.shape}; it takes {inputs + extra}"
+                    f"vision.dense.{number} has the shape {weight.shape}; allowed: ({inputs + extra}, outputs)"
                 )
             inputs = weight.shape[1]
             _check(f"vision.dense_bias.{number}", self.dense_biases[number], (inputs,))
         if inputs != len(estimated):
-            raise ValueError(f"vision.dense.2 has {inputs} outputs; {len(estimated)} entries are estimated")
+            raise ValueError(f"vision.dense.2 has {inputs} outputs; allowed: {len(estimated)}")
 
 
 VISION_TENSORS = (
@@ -155,7 +162,7 @@ def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
 
 
 def _convolved(image: FloatArray, kernel: FloatArray, stride: int) -> FloatArray:
-    """The convolution (N, h, w, F) of (N, H, W, C), without padding."""
+    """The convolution (N, h, w, F) of images (N, H, W, C) with a kernel (K, K, C, F), without padding."""
     size, _, channels, outputs = kernel.shape
     windows = np.lib.stride_tricks.sliding_window_view(image, (size, size), axis=(1, 2))
     windows = windows[:, ::stride, ::stride].transpose(0, 1, 2, 4, 5, 3)

@@ -14,12 +14,13 @@ CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 
 """Rotation of a cup relative to a spoon: its x across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: its z across the fingers."""
-TURNS = {
+TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
     "cup": CUP_ROTATION,
     "scratcher": transforms.IDENTITY_QUATERNION,
     "washcloth": WASHCLOTH_ROTATION,
 }
+"""Rotations of tools relative to a spoon."""
 
 
 def parallel_grips(
@@ -37,7 +38,7 @@ def parallel_grips(
     return {
         tool: Grip(
             between - (PINCH_M - tip_end_m) * out if tool == SCRATCHER.name else between,
-            transforms.multiply(pointing, TURNS[tool]),
+            transforms.multiply(pointing, TOOL_ROTATIONS[tool]),
             positions,
         )
         for tool, positions in fingers.items()

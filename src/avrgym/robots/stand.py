@@ -13,7 +13,7 @@ _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
 
 def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
-    """Give the body ``stand``, which carries an arm's base, its shape and this height."""
+    """Add the shape of a stand of this height to the body ``stand``, and place the arm's base on top."""
     body = spec.body(STAND_BODY)
     spec.body(base).pos = [0.0, 0.0, height_m]
     foot = [HALF_WIDTH_M, HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
@@ -29,5 +29,5 @@ def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bo
 
 
 def next_to_person(x_m: float, y_m: float) -> Mount:
-    """The stand on the person's right side. Each episode searches for its place."""
+    """The mount of a stand on the person's right side. A search at the start of each episode determines its pose."""
     return Mount((x_m, y_m, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))

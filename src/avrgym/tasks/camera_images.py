@@ -1,7 +1,7 @@
 """Renders the images of cameras in the worlds of ``Episodes``, by MuJoCo's renderer.
 
-All worlds share one model for each sex. Before a world is rendered, the model gets the person and the positions of that
-world. Physics has its own model without appearance.
+All worlds share one model for each sex. Before a world is rendered, its person and positions are copied to the model.
+Physics has its own model without appearance.
 """
 
 import warnings
@@ -50,7 +50,7 @@ class CameraImages:
     """The cameras of N worlds. The first image creates the graphics context; any thread may use it, one at a time."""
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
-        """Prepare cameras of ``models.cameras.as_cameras``."""
+        """Prepare the images of cameras from ``models.cameras.as_cameras``."""
         self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes
@@ -60,7 +60,7 @@ class CameraImages:
         """Images (n, ...) of the present state of some worlds, or of all; see ``CameraSpec`` for their types.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with a setting that may help.
+            RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         chosen = [*range(self._episodes.simulation.num_worlds)] if worlds is None else [*worlds]
         found = {
@@ -110,7 +110,7 @@ class CameraImages:
 
 
 class _SexModel:
-    """The scene with a woman or a man, on the graphics card; shows one world at a time."""
+    """The scene with a woman or a man, in graphics memory. It contains one world at a time."""
 
     def __init__(
         self,
@@ -123,7 +123,9 @@ class _SexModel:
         spec = build_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
         add_surroundings(spec)
         views = episodes.task.views
-        add_cameras(spec, scene, _fixed(views.on_floor if scene.mount.on_floor else views.mounted), cameras)
+        add_cameras(
+            spec, scene, _fixed_view(views.on_floor if scene.mount.on_floor else views.mounted), cameras
+        )
         self.model = model = spec.compile()
         self._data = mujoco.MjData(model)
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
@@ -140,11 +142,11 @@ class _SexModel:
         self._skins = _skin_rows(model)
 
     def show(self, episodes: "Episodes", world: int) -> None:
-        """Put person and bodies of a world into the model."""
+        """Copy the person and the body poses of a world to the model."""
         person = episodes.person_in(world)
         key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone)
         if key != self._shown:
-            self._dress(key, person, episodes)
+            self._set_person(key, person, episodes)
         model, batch = self.model, episodes.simulation.batch
         model.body_pos[:] = batch.expand("body_pos")[world]
         model.body_quat[:] = batch.expand("body_quat")[world]
@@ -152,8 +154,8 @@ class _SexModel:
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_camlight(model, self._data)
 
-    def _dress(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
-        """Give the person of the model another size and skin tone."""
+    def _set_person(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
+        """Set the size and skin tone of the model's person."""
         if key not in self._people:
             if len(self._people) > episodes.simulation.num_worlds:
                 self._people.clear()
@@ -190,7 +192,7 @@ class _SexModel:
             out["segmentation"][:] = self._segmented(colours)[::-1]
 
     def _outside(self, camera: CameraSpec, number: int) -> BoolArray:
-        """Boolean mask of geoms that are completely outside of an image; it takes a fifth less time without them."""
+        """Boolean mask of geoms that are completely outside of an image. Without them, rendering is a fifth shorter."""
         model, data = self.model, self._data
         pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
         radius, ahead = model.geom_rbound, -pos[:, 2]
@@ -201,7 +203,7 @@ class _SexModel:
         return beyond & (radius > 0.0)
 
     def _segmented(self, colours: NDArray[np.uint8]) -> NDArray[np.int32]:
-        """Labels (H, W) of the numbers that the renderer writes as colours; 0 is the background."""
+        """Labels (H, W) from the object numbers that the renderer returns as colours; 0 is the background."""
         number = colours.astype(np.int32) @ np.array([1, 256, 65536], np.int32)
         label = np.zeros(self._scene.ngeom + 1, np.int32)
         for geom in self._scene.geoms[: self._scene.ngeom]:
@@ -240,8 +242,8 @@ def graphics_error() -> str | None:
     return None
 
 
-def _fixed(view: View) -> FixedView:
-    """Position and target of a view, as those of MuJoCo's free camera."""
+def _fixed_view(view: View) -> FixedView:
+    """Position and target of a view; its angles are those of MuJoCo's free camera."""
     azimuth, elevation = np.radians([view.azimuth_deg, view.elevation_deg])
     forward = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     target_w = np.array(view.look_at_w)

@@ -31,12 +31,13 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
-"""Limits next to a person, as of the Jaco. Franka Emika's data sheet allows 150 and 180 °/s, 87 and 12 N m."""
+"""Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Franka Emika's
+data sheet allows 150 and 180 °/s, 87 and 12 N m."""
 SEED_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0),
     "left": (51.0, -1.0, 31.0, -110.0, -47.0, 108.0, -127.0),
 }
-"""By the side whose tasks the arm does: the joints' ranges do not let one pose lead to all."""
+"""Seed poses by arm. Within the joint ranges, one pose does not lead to solutions for both arms."""
 
 
 def _arm(side: Side) -> Arm:

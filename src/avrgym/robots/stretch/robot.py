@@ -73,7 +73,7 @@ acceleration of 1.6 m/s²) and the friction are assumptions."""
 
 
 def _mount(x_m: float, y_m: float, along_m: float) -> Mount:
-    """Next to the person, the arm towards them. The base drives along their side."""
+    """A mount next to the person, with the arm towards them. The base drives along their side."""
     return Mount(
         (x_m, y_m, 0.0),
         0.5 * np.pi,

@@ -29,13 +29,13 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
-"""Limits next to a person, as of the Jaco. Universal Robots' data sheet allows 180 °/s, the public description 150 and
-28 N m."""
+"""Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Universal
+Robots' data sheet allows 180 °/s, the public description 150 and 28 N m."""
 SEED_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (142.0, -125.0, -59.0, 4.0, -142.0, 0.0),
     "left": (-84.0, -97.0, -83.0, -96.0, 45.0, 9.0),
 }
-"""By the side whose tasks the arm does."""
+"""Seed poses by arm."""
 
 
 def _arm(side: Side) -> Arm:

@@ -1,4 +1,4 @@
-"""Expert for lifting: it depends on the present state only, so that policies can imitate it."""
+"""Expert for arm manipulation. It uses the present state only; policies can therefore imitate it."""
 
 from functools import partial
 
@@ -22,18 +22,19 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.04, 0.4
-"""Depth of the scooper below the forearm's axis in contact, what is added while it is farther aside than ``FREE_M``,
-and the weight of offsets along the forearm in this distance."""
+"""In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Its target is up to ``BEFORE_M`` lower while its
+lateral offset exceeds ``FREE_M``. ``ALONG_WEIGHT``: weight of offsets along the forearm."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03
-"""Missing height below which the forearm is also moved to the person's left."""
+"""The forearm also moves to the person's left if its missing height is less than this."""
 INSIDE_M = 0.02
-"""How far left of the armrest's middle the forearm is carried."""
+"""Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145
-"""Where the scooper is lifted: its far rim passes the armrest."""
+"""Smallest x of the forearm's lifted point during lifting. The far rim of the scooper is there clear of the armrest."""
 AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.01, 0.12, 0.02
-"""How far ahead of the forearm the scooper aims, how far above its goal, and its speed."""
+"""Maximum vertical distance of the target from the forearm, its height above the carrying height, and the maximum and
+minimum speed."""
 
 
 def heading_w(scene: SceneConfig) -> FloatArray:
@@ -42,7 +43,7 @@ def heading_w(scene: SceneConfig) -> FloatArray:
 
 
 def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
-    """Rotation (N, 4) of a scooper that faces the forearm from below, its handle along a direction (3,)."""
+    """Rotation (N, 4) of a scooper below the forearm, with its handle along a direction (3,)."""
     z_w = upwards_w(arm)
     ahead = constant_like(heading, z_w)
     x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])
@@ -50,14 +51,14 @@ def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
 
 
 def lifting(episodes: RunningEpisodes) -> Controller:
-    """The expert."""
+    """The expert for the robot of these episodes."""
     return FeedbackExpert(episodes, partial(lift, heading=heading_w(episodes.scene)))
 
 
 def lift(
     state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
 ) -> ToolTarget:
-    """Go below the forearm, lift it and, once it is high, carry it to the person's left."""
+    """Next tool pose and speed: below the forearm, then upwards with it, then to the person's left."""
     up_w, lifted_w = upwards_w(state), lifted_pos_w(state)
     before = standoff_m(_beside_m(state), FREE_M, BEFORE_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]

@@ -27,7 +27,8 @@ from avrgym.tasks.task import StepResult
 ELBOW, WRIST = 1, 2
 UP = np.array([0.0, 0.0, 1.0])
 LIFTED_SHARE = 0.8
-"""Where the scooper lifts the forearm, from the elbow (0) to the wrist (1): near its centre of mass with the hand."""
+"""Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1): near the centre of mass of forearm
+and hand."""
 UPPER_SIDE, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
 """The side of a resting forearm that faces up, in its frame, and its weight relative to the vertical."""
 RESTING_X_M = -ARMREST_X_M
@@ -36,7 +37,7 @@ RESTING_M = 0.03
 SAMPLES = (np.arange(10) + 0.5) / 10.0
 """Points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
-"""Share of the forearm that must be above the armrest, for how many control steps: its outer half, for 1 s."""
+"""Success: this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -47,27 +48,27 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_arm_n": -0.05,
 }
-"""Task weights, then preference weights. In Assistive Gym the two distances have equal weights as well; the others are
-those of the packaged tasks."""
+"""Task weights, then preference weights. In Assistive Gym the two distances have equal weights as well. The other
+weights are the same as in the other tasks."""
 
 
 @dataclass(frozen=True)
 class ArmManipulationState:
-    """Consecutive control steps with the forearm above the armrest, and whether there were enough, (N,) each."""
+    """Consecutive control steps with the forearm above the armrest (N,), and whether the task succeeded (N,)."""
 
     steps_above: IntArray
     succeeded: BoolArray
 
 
 def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
-    """The arm hangs next to the armrest."""
+    """Initial task state: the forearm is not above the armrest."""
     xp = namespace(uniforms)
     steps = xp.zeros_like(uniforms[:, 0], dtype=xp.int64)
     return ArmManipulationState(steps, steps > 0)
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationState) -> StepResult:
-    """Success: half of the forearm was above the armrest for one second."""
+    """Evaluate a step. For success, half of the forearm must be above the armrest for one second."""
     xp = namespace(state.tool_pos_w)
     share = returned_share(state)
     steps = xp.where(share >= SUCCESS_SHARE, task_state.steps_above + 1, 0)
@@ -114,7 +115,7 @@ def upwards_w(arm: RightArm) -> FloatArray:
 
 
 def to_armrest_m(arm: RightArm) -> FloatArray:
-    """What the lifted point lacks to the person's left and up (N, 2), from zero."""
+    """Distances (N, 2) of the lifted point from its rest position, to the person's left and up; 0 if it is beyond."""
     pos_w = lifted_pos_w(arm)
     xp = namespace(pos_w)
     way = xp.stack([RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_M - pos_w[:, 2]], axis=-1)
@@ -129,6 +130,6 @@ def returned_share(arm: RightArm) -> FloatArray:
 
 
 def _is_above(pos_w: FloatArray) -> BoolArray:
-    """Whether points (N, 3) are above the armrest or farther left, and not in front of it."""
+    """Boolean mask (N,): points (N, 3) that are higher than the armrest, and neither outside nor in front of it."""
     beside = pos_w[:, 0] < RESTING_X_M - ARMREST_HALF_WIDTH_M
     return ~beside & (pos_w[:, 1] > ARMREST_FRONT_Y_M) & (pos_w[:, 2] > ARMREST_TOP_M)

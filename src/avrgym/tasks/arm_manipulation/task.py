@@ -38,17 +38,18 @@ LIMP_STRENGTH_SHARE = {
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
 }
-"""Share of their strength with which people hold the fallen arm. It stands for the weight, which the model compensates
-(assumption): 0.75 N m at the elbow, 1.8 N m against swinging the upper arm, 0.3 N m against lowering it to the body."""
+"""Share of people's strength in the joints of the limp arm (assumption). The model compensates gravity; these torques
+resist lifting in place of the arm's weight: 0.75 N m at the elbow, 1.8 N m against swinging the upper arm, 0.3 N m
+against lowering it to the body."""
 START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
-"""Spread of the scooper's start, and the position at which it is clear of the wheel."""
+"""Maximum random offset of the scooper at the start, and its largest x, at which it is clear of the wheel."""
 
 
 def scene(robot: Robot) -> SceneConfig:
     """The wheelchair; the robot's left arm holds the scooper.
 
     Raises:
-        UnsuitableError: if the robot has no arm, mount or grip.
+        UnsuitableError: if the robot does not have the arm, the mount or the grip.
     """
     return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
@@ -78,7 +79,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Scooper, forearm and both arms."""
+    """Tool, forearm, both arms and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -1,7 +1,7 @@
 """Experts for dressing: draw the opening along the arm, from before the hand to the shoulder.
 
 The target depends on the present state only. The opening faces along the arm; its direction changes gradually at wrist
-and elbow. The hand holds it from outside.
+and elbow. The robot's hand is on the outer side of the person's arm.
 """
 
 from typing import NamedTuple
@@ -20,31 +20,35 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
 HELD_FROM_MOUNTED_W, HELD_FROM_FLOOR_W = np.array([0.985, 0.0, -0.174]), np.array([0.766, 0.0, 0.643])
-"""Side of the arm from which the hand holds the opening: outside and 10° from below for a robot on the wheelchair, 40°
-from above for one on the floor. From there they reach the whole arm."""
+"""Direction from the arm to the robot's hand: outwards, 10° below the horizontal for a robot on the wheelchair, 40°
+above it for a robot on the floor. With these directions the robots reach the whole arm."""
 BEND_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
 LOOKAHEAD_M = 0.05
 CENTRED_M, LATERAL_GAIN = 0.03, 1.5
-"""The opening advances onto the hand while its centre is within this distance of the arm's axis. Before the hand it
-waits further back by this factor of the excess."""
+"""The opening moves over the hand if its centre is within ``CENTRED_M`` of the arm's axis. Otherwise it waits before
+the hand; ``LATERAL_GAIN`` times the excess is added to its distance."""
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 8.0
 """The speed falls from full to zero between these forces on the person."""
 PAST_SHOULDER_M = 0.04
-"""Distance of the hoop past the place at which the arm is dressed: the free half of the opening follows."""
+"""Distance by which the hoop moves past the place at which the arm is dressed, because the free half of the opening
+lags behind."""
 
 
-class Along(NamedTuple):
-    """A tool on the way along the arm: its distance from the hand's centre (N,), negative before the hand, and its
-    offset (N, 3) from the arm's axis."""
+class PathPosition(NamedTuple):
+    """Position of a tool relative to the arm.
+
+    ``at_m`` (N,): distance from the hand's centre along the arm, negative before the hand. ``offset_w`` (N, 3): offset
+    from the arm's axis.
+    """
 
     at_m: FloatArray
     offset_w: FloatArray
 
 
 def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
-    """Rotations (..., 4) of an opening that is drawn in directions (..., 3), held from a side that suits the robot."""
+    """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines the side of the hand."""
     xp = namespace(along_w)
     side = constant_like(HELD_FROM_FLOOR_W if scene.mount.on_floor else HELD_FROM_MOUNTED_W, along_w)
     across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
@@ -53,17 +57,17 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
 
 
 def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Next pose of the opening on its way along the arm; it stays where the arm is dressed."""
+    """Next tool pose and speed along the arm. The tool stops if the arm is dressed or the force is too high."""
     path = arm_path(state)
     end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
-    here = _along(planner.pos_w, path)
+    here = _path_position(planner.pos_w, path)
     beside_m = norm(here.offset_w)
     wait_m = -BEND_M - LATERAL_GAIN * np.maximum(beside_m - CENTRED_M, 0.0)
     before = here.at_m < 0.0
     limit_m = np.where(before & (beside_m > CENTRED_M), wait_m, end_m)
     ahead_m = np.minimum(here.at_m + LOOKAHEAD_M, limit_m)
-    place_w, _ = _at(path, ahead_m)
-    _, along_w = _at(path, here.at_m)
+    place_w, _ = _path_point(path, ahead_m)
+    _, along_w = _path_point(path, here.at_m)
     force_share = np.clip((MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N), 0.0, 1.0)
     drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m)) * force_share
     speed = np.where(before, APPROACH_SPEED_M_S * force_share, np.maximum(drawn, SLOWEST_M_S * force_share))
@@ -72,19 +76,19 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     return place_w, q_w, np.where(stays, 0.0, speed)
 
 
-def _along(pos_w: FloatArray, path: ArmPath) -> Along:
-    """Where positions (N, 3) are along the arm; the first section continues before the hand."""
+def _path_position(pos_w: FloatArray, path: ArmPath) -> PathPosition:
+    """Positions (N, 3) relative to the arm. The first section continues before the hand."""
     ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     inside_m = np.minimum(np.maximum(ahead_m, low), path.length_m)
     offset_w = pos_w[:, None] - path.begin_w - inside_m[..., None] * path.along_w
     row, section = np.arange(len(pos_w)), norm(offset_w).argmin(axis=-1)
     at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
-    return Along(at_m, offset_w[row, section])
+    return PathPosition(at_m, offset_w[row, section])
 
 
-def _at(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points and directions (N, 3) along the arm; directions change gradually at wrist and elbow."""
+def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points and directions (N, 3) at distances (N,) along the arm. Directions change gradually at wrist and elbow."""
     start_m = path.end_m - path.length_m
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)

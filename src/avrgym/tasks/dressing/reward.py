@@ -23,8 +23,8 @@ from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
 SHOULDER_REACH_M = 0.12
-"""Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed. Closer, the inner
-side of the opening meets the torso, whose surface is about 0.1 m from the joint."""
+"""Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed. At smaller
+distances the inner side of the opening touches the torso, whose surface is about 0.1 m from the joint."""
 
 PLACES = ("wrist", "elbow", "shoulder")
 """Places that the opening passes."""
@@ -38,7 +38,7 @@ WEIGHTS: Mapping[str, float] = {
     "cloth_force_n": -0.01,
     "strong_cloth_force_n": -0.05,
 }
-"""Task weights, then preference weights, as in the other tasks. The whole arm is worth about 100."""
+"""Task weights, then preference weights, as in the other tasks. Dressing the whole arm gives a reward of about 100."""
 
 _GEOMS = list(human.GEOMS)
 HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
@@ -48,8 +48,8 @@ HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
 
 @dataclass(frozen=True)
 class DressingState:
-    """Dressing so far: ``dressed_m`` (N,), the largest length of the arm in the sleeve, and ``passed`` (N,), the number
-    of places that the opening has passed: wrist, elbow, shoulder."""
+    """Progress of dressing: ``dressed_m`` (N,), the largest length of the arm in the sleeve, and ``passed`` (N,), the
+    number of places that the opening has passed: wrist, elbow, shoulder."""
 
     dressed_m: FloatArray
     passed: IntArray
@@ -79,7 +79,7 @@ class Opening(NamedTuple):
 
 
 def init_state(people: People, uniforms: FloatArray) -> DressingState:
-    """Nothing is dressed."""
+    """Initial task state: nothing is dressed."""
     xp, first = namespace(uniforms), uniforms[:, 0]
     return DressingState(xp.zeros_like(first), xp.zeros_like(xp.astype(first, xp.int64)))
 
@@ -117,7 +117,7 @@ def is_dressed(task_state: DressingState) -> BoolArray:
 
 
 def arm_path(state: State) -> ArmPath:
-    """The left arms."""
+    """The paths of the left arms of N people."""
     segments_w, xp = state.person_segment_w, namespace(state.person_segment_w)
     points_w = xp.stack(
         [
@@ -136,7 +136,7 @@ def arm_path(state: State) -> ArmPath:
 
 
 def opening_on_arm(state: State, path: ArmPath) -> Opening:
-    """The openings on the arms: the section nearest to the centre counts."""
+    """The openings relative to the arms. The section nearest to the opening's centre is used."""
     xp, rim_w = namespace(state.cloth_pos_w), state.cloth_pos_w[:, :AROUND]
     centre_w = rim_w.mean(axis=1)
     ahead_m = ((centre_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)

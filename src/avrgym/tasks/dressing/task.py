@@ -36,7 +36,7 @@ POSE = Pose(
 )
 """Seated, the left arm held out to the front and side, each joint of shoulder and elbow within ±5°."""
 START_BEFORE_HAND_M, START_SPREAD_M = 0.14, 0.03
-"""Distance of the opening's centre before the hand's centre, and its random offset."""
+"""Distance of the opening's centre before the hand's centre, and maximum random offset on each axis."""
 
 
 def scene(robot: Robot) -> SceneConfig:
@@ -45,7 +45,10 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Opening within ±3 cm of a point before the hand. The goals are openings at wrist, elbow and shoulder."""
+    """Initial states with the opening within ±3 cm of a point before the hand.
+
+    The base search has three goals: openings at wrist, elbow and shoulder.
+    """
     xp = namespace(uniforms)
     shoulder_w, elbow_w, wrist_w = (_left_arm_w(people, name) for name in LEFT_ARM)
     forearm_w, upper_arm_w = (
@@ -70,7 +73,7 @@ def _left_arm_from_torso(geom: int, end: int) -> EntryFunction:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Opening, both arms, and the force of the cloth."""
+    """Tool, both arms and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,
