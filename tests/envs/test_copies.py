@@ -27,7 +27,9 @@ def test_a_copy_of_many_worlds_goes_on_to_the_same_bits(environment, how, people
         environment, num_envs=2, people=people, impairment="tremor", autoreset_mode=mode, max_episode_steps=9
     )
     kept.reset(seed=3)
-    actions = rng.uniform(-1, 1, (12, *kept.action_space.shape)).astype(np.float32)
+    shape = kept.action_space.shape
+    assert shape is not None
+    actions = rng.uniform(-1, 1, (12, *shape)).astype(np.float32)
     for action in actions[:5]:
         kept.step(action)
     copied = HOW[how](kept)

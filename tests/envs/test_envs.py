@@ -68,7 +68,7 @@ def test_info_says_success_terms_and_force(environment_id):
     assert isinstance(env.unwrapped, AssistiveEnv)
     _, first = env.reset(seed=0)
     state = env.unwrapped.episodes.simulation.state()
-    later = env.step(np.zeros(env.action_space.shape, np.float32))[-1]
+    later = env.step(np.zeros_like(env.action_space.sample()))[-1]
     for info in (first, later):
         assert set(info) == {"success", "reward_terms", "force_on_person"}
         assert info["success"] is False
@@ -127,7 +127,7 @@ def test_an_action_is_clipped_before_it_moves_or_costs_anything(environment_id, 
     beyond, within = (AssistiveEnv(environment_id, people="revised") for _ in range(2))
     for env in (beyond, within):
         env.reset(seed=3)
-    for action in rng.uniform(-50, 50, (5, beyond.action_space.shape[0])):
+    for action in rng.uniform(-50, 50, (5, beyond.action_space.sample().size)):
         both = beyond.step(action), within.step(np.clip(action, -1, 1))
         assert_array_equal(both[0][0], both[1][0])
         assert both[0][1:] == both[1][1:]
@@ -251,6 +251,7 @@ def test_observations_stay_inside_their_space(rng):
     bound = vector.episodes.observation.bound
     assert vector.single_observation_space == gym.spaces.Box(-bound, bound, dtype=np.float64)
     assert np.isfinite(bound).all()
+    assert isinstance(observation, np.ndarray)
     largest = np.abs(observation).max(axis=0)
     for signs in np.sign(rng.uniform(-1, 1, (8, 32, 7))).astype(np.float32):
         for _ in range(5):

@@ -161,6 +161,7 @@ def test_what_was_given_may_be_changed():
     changed, kept = (AssistiveVectorEnv(FEEDING, 3, num_threads=1) for _ in range(2))
     for env in (changed, kept):
         observation, _ = env.reset(seed=0)
+        assert isinstance(observation, np.ndarray)
         if env is changed:
             observation[:] = 9.0
         given = env.step(STILL)
@@ -168,8 +169,10 @@ def test_what_was_given_may_be_changed():
             for array in (*given[:4], given[4]["success"], given[4]["reward_terms"]["distance_m"]):
                 array[:] = 1
     mask = np.array([False, True, False])
-    both = [env.reset(options={"reset_mask": mask}) for env in (changed, kept)]
-    assert_same(both[0][0][~mask], both[1][0][~mask], "the worlds that go on")
+    first, second = (env.reset(options={"reset_mask": mask})[0] for env in (changed, kept))
+    assert isinstance(first, np.ndarray)
+    assert isinstance(second, np.ndarray)
+    assert_same(first[~mask], second[~mask], "the worlds that go on")
 
 
 # Arguments and attributes

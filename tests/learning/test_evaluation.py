@@ -115,7 +115,7 @@ def test_progress_counts_environment_steps() -> None:
 def test_errors_name_what_is_allowed(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
     constant_policy(ENVIRONMENT).save(file)
-    with pytest.raises(ValueError, match="at least 1"):
+    with pytest.raises(ValueError, match="allowed: 1 or more"):
         evaluate(ENVIRONMENT, "zero", "original", 0, 0)
     with pytest.raises(ValueError, match=ENVIRONMENT):
         evaluate("avrgym/Nope-v1", "zero", "original", 1, 0)

@@ -95,7 +95,7 @@ def test_new_study_is_not_overwritten(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["status", "nowhere"], "nowhere contains no study.toml; `avrgym study new nowhere` writes one"),
+        (["status", "nowhere"], "nowhere contains no study.toml; `avrgym study new nowhere` creates it"),
         (["check", "nowhere"], "contains no study.toml"),
         (["export", "STUDY", "--format", "xlsx", "--out", "new"], "unknown format 'xlsx'; allowed: csv, bids"),
         (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "is not empty"),

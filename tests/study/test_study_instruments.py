@@ -81,7 +81,11 @@ def test_use_adds_items_of_an_instrument(name: str) -> None:
             3,
             "sum of the weights is 14",
         ),
-        ('use = "nasa-tlx"\nwhen = "after_trial"\nweights = { mental = 15 }', 3, "allowed: mental, physical"),
+        (
+            'use = "nasa-tlx"\nwhen = "after_trial"\nweights = { mental = 15 }',
+            3,
+            "allowed: one weight for each of mental, physical",
+        ),
         ('use = "ssq"\nname = "likert"\nwhen = "after_trial"', 2, "'likert' is used twice"),
         (
             'use = "ipq"\nwhen = "after_session"',

@@ -344,7 +344,8 @@ def test_protocol_is_fixed_after_the_first_allocation(kind: str, tmp_path: Path)
         enrol_with_consent(store)
     make_study(folder, tasks='["Drinking"]', seed="5")
     with pytest.raises(
-        StudyError, match=r"tasks changed after the first participant; allowed: \['Feeding'\]"
+        StudyError,
+        match=r"tasks changed after the first participant; allowed: the earlier value \['Feeding'\]",
     ):
         Store(folder)
     make_study(folder, tasks='["Feeding"]', seed="5", title='"Another title"')

@@ -264,7 +264,7 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
     mujoco.mj_kinematics(model, data)
     tool = data.body("tool")
     farthest = -np.inf
-    for geom in np.nonzero(model.geom_group == VISUAL_GROUP)[0]:
+    for geom in np.nonzero(model.geom_group == VISUAL_GROUP)[0].tolist():
         body = model.body(model.geom_bodyid[geom]).name
         if "finger" in body and body.startswith(scene.arm.finger_prefix):
             vertices = corners_m(model, geom)

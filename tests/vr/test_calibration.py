@@ -62,7 +62,9 @@ def test_a_torso_height_that_was_entered_fits_the_same_headset(posture: Posture)
 def test_heights_that_nobody_has_are_refused(posture: Posture, words: str) -> None:
     for height_m in (0.3, 0.95, 1.5, 1.8):
         head = XRPose((0.0, height_m, 0.0), (0.0, 0.0, 0.0, 1.0))
-        with pytest.raises(ValueError, match=rf"{height_m:.2f} m above the floor; of a {words} .* 1\.\d\d m"):
+        with pytest.raises(
+            ValueError, match=rf"{height_m:.2f} m above the floor; for a {words} .* 1\.\d\d m"
+        ):
             measure_torso_height("woman", posture, head, VIRTUAL)
 
 

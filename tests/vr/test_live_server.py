@@ -31,6 +31,7 @@ from websockets.uri import parse_uri
 
 from avrgym.models.human import Person
 from avrgym.recording.reader import read_recording
+from avrgym.tasks.settings import Settings
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
@@ -657,7 +658,7 @@ class Rendering:
         self.pools += 1
         return Pool(1)
 
-    def _render(self, environment: str, person: Person) -> bytes:
+    def _render(self, environment: str, person: Person, settings: Settings) -> bytes:
         time.sleep(0.02)
         self.rendered.append(environment)
         if self.failure is not None:

@@ -99,7 +99,7 @@ def test_check_runs_as_a_script():
     if not write_typescript.CLIENT.is_dir():
         pytest.skip("not in a checkout")
     done = subprocess.run(
-        [sys.executable, write_typescript.__file__, "--check"], capture_output=True, text=True
+        [sys.executable, str(write_typescript.__file__), "--check"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 

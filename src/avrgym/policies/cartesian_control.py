@@ -40,8 +40,9 @@ class CartesianController:
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
         positions = self._simulation.joint_positions()[:1]
         j = action_jacobian(self.chain, positions, drives=self._drives)[0]
-        speeds = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
-        shares, reached = speeds / self._speed_limit, j @ speeds
+        speeds: FloatArray = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
+        shares: FloatArray = speeds / self._speed_limit
+        reached: FloatArray = j @ speeds
         excess = (
             np.abs(shares).max(),
             np.linalg.norm(reached[:3]) / SPEED_LIMIT_M_S,

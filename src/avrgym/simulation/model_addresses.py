@@ -87,7 +87,9 @@ def _followers(model: mujoco.MjModel) -> tuple[Follower, ...]:
     """The joints that equalities couple to others."""
     return tuple(
         Follower(
-            *(int(model.jnt_qposadr[joint[each]]) for joint in (model.eq_obj1id, model.eq_obj2id)), polynomial
+            int(model.jnt_qposadr[model.eq_obj1id[each]]),
+            int(model.jnt_qposadr[model.eq_obj2id[each]]),
+            polynomial,
         )
         for each, polynomial in enumerate(model.eq_data[:, :5])
         if model.eq_type[each] == mujoco.mjtEq.mjEQ_JOINT

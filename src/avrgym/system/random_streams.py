@@ -197,6 +197,11 @@ def sampled_sign_flips() -> Generator:
     return default_rng(0)
 
 
+def sampled_arm_poses() -> Generator:
+    """Poses of an arm, which find the pairs of its links that can collide."""
+    return default_rng(0)
+
+
 TRAINING_PEOPLE_SEED = 2020
 """Seed of the sampled training populations, and of the permutations in their comparison with participants."""
 

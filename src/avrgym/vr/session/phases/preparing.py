@@ -164,7 +164,7 @@ class Loading(InVR, ABC):
                 state.report(f"the robot has no room to begin: {error}")
                 return phases.Paused(state, Text("no_room"))
             except Exception as error:  # the compiler and files may raise any exception
-                state.report(f"the scene cannot be made: {error}")
+                state.report(f"the scene cannot be created: {error}")
                 return phases.Paused(state, Text("scene_failed"))
         state.send_changed_scene()
         return self.loaded() if state.worlds.is_shown else self
