@@ -108,6 +108,7 @@ def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], st
     assert "No counted trial has a whole recording of a body." in said
 
 
+@pytest.mark.slow
 def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
     run_trials(store, enrol_included(store, simulated=False))
     assert "SIMULATED" not in words()
@@ -117,6 +118,7 @@ def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path)
     assert {row["n_a"] for row in rows} == {"1"}
 
 
+@pytest.mark.slow
 def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
     for _ in range(2):
         run_trials(store, enrol_included(store), rate=lambda *_: 4)
@@ -125,6 +127,7 @@ def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Pat
     assert {(row["n"], row["p"], row["p_holm"], row["stars"]) for row in rows} == {("0", "", "", "")}
 
 
+@pytest.mark.slow
 def test_a_trial_without_its_partner_is_left_out_of_pairs(
     store: Store, words: Callable[[], str], tmp_path: Path
 ) -> None:
@@ -167,6 +170,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
     return Broken(" ".join(Page(page).text.split()), folder / "out")
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("participant", "position", "recorded", "said"),
     [
@@ -240,6 +244,7 @@ def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Store, tmp_path: Path) -> None:
     run_trials(store, enrol_included(store))
     rewrite(store, "sub-001", 1, other_course=9)
@@ -256,6 +261,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
 # Policies
 
 
+@pytest.mark.slow
 def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
         run_trials(other, enrol_included(other))
@@ -272,6 +278,7 @@ def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
 # Folders
 
 
+@pytest.mark.slow
 def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(
     store: Store, words: Callable[[], str], tmp_path: Path
 ) -> None:
@@ -298,6 +305,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
     assert theirs.read_text() == "theirs"
 
 
+@pytest.mark.slow
 def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: Store) -> None:
     run_trials(store, enrol_included(store))
     out = store.folder / "analysis"
@@ -314,6 +322,7 @@ def avrgym(*arguments: str | Path) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Store, tmp_path: Path) -> None:
     run_trials(store, enrol_included(store), rate=random_answer)
     recording(store, "sub-001", 1).unlink()

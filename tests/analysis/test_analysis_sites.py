@@ -48,6 +48,7 @@ def test_every_table_of_participants_says_where(made: tuple[Path, Analysis, Path
         assert rows.groupby("site")["participant"].nunique().to_dict() == SITES, table
 
 
+@pytest.mark.slow
 def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analysis, Path]) -> None:
     _, _, out = made
     answers, effects = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("answers", "site_effects"))

@@ -87,6 +87,7 @@ def test_wilson_of_published_shares() -> None:
     assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("spread_logit", [0.0, 1.0, 2.0])
 def test_clustered_interval_covers_the_success_rate_of_people_who_differ(
     spread_logit: float, rng: np.random.Generator
@@ -241,6 +242,7 @@ def test_one_value_has_no_interval() -> None:
 # How often they err
 
 
+@pytest.mark.slow
 def test_without_an_effect_about_one_in_twenty_is_significant(rng: np.random.Generator) -> None:
     """1,000 studies of 8 participants with 4 tasks and 2 robots: answers from 1 to 7, by chance."""
     original, revised = rng.integers(1, 8, (2, 1000, 64))

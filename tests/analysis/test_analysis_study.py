@@ -88,6 +88,7 @@ def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Fr
     assert missing.to_dict() == {"sub-009": 2, "sub-010": 3} | {f"sub-{n:03}": 0 for n in range(1, 9)}
 
 
+@pytest.mark.slow
 def test_every_table_says_what_was_simulated(tables: dict[str, Frame]) -> None:
     assert all("simulated" in table.columns for table in tables.values())
     assert tables["people"]["simulated"].all()

@@ -102,6 +102,7 @@ def tables(out: Path) -> dict[str, Frame]:
     return {path.stem: pd.read_csv(path) for path in (out / "tables").glob("*.csv")}
 
 
+@pytest.mark.slow
 def test_no_answer_is_lost(tables: dict[str, Frame]) -> None:
     counted = tables["answers"].query("counted")
     assert len(counted) == 4 * 4 * len(ITEMS)
@@ -245,6 +246,7 @@ def test_exports_have_the_items_that_were_asked(folder: Path, tmp_path: Path) ->
 # Studies whose database does not contain designs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edited", [False, True])
 def test_recordings_report_what_was_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edited: bool

@@ -217,6 +217,7 @@ def faults(figure: Figure) -> list[str]:
     return found
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("study", STUDIES)
 def test_answers_are_shown_with_labelled_axes_and_words_that_can_be_read(study: str) -> None:
     drawings = list(answer_drawings(design_of(study)))
@@ -224,6 +225,7 @@ def test_answers_are_shown_with_labelled_axes_and_words_that_can_be_read(study: 
     assert {each.name: faults(each.figure) for each in drawings} == {each.name: [] for each in drawings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("study", ["paper", "many policies"])
 def test_objective_measures_and_bodies_are_shown_so_too(study: str) -> None:
     design = design_of(study)

@@ -58,6 +58,7 @@ def simulated(design: Design, effect: float, participants: int, test: str) -> fl
 # Calculus
 
 
+@pytest.mark.slow
 def test_on_two_points_power_is_that_of_the_sign_test() -> None:
     """Differences are −1, 0 or 1, so that the signed-rank test counts signs; zeros are left out."""
     participants, effect = 24, 1.0
@@ -72,6 +73,7 @@ def test_on_two_points_power_is_that_of_the_sign_test() -> None:
     assert simulated(one_pair(2), effect, participants, BETWEEN) == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.slow
 def test_of_normal_answers_power_is_that_of_student_with_few_more() -> None:
     """Of normal differences the signed-rank test has the power of Student's t with 3/π of the values (Hodges and
     Lehmann, Ann. Math. Stat. 27, 1956, asymptotically)."""

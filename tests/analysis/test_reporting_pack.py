@@ -121,6 +121,7 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
 # Words
 
 
+@pytest.mark.slow
 def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
     enrolled, _, _, analysed = flow_steps(analysis.flows[0])

@@ -312,6 +312,7 @@ def test_usage_errors_name_the_argument(arguments: list[str], named: str) -> Non
 # Process ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_serve_prints_its_address_and_stops_on_sigint(tmp_path: Path) -> None:
     command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path / "study"]
     with subprocess.Popen(

@@ -168,6 +168,7 @@ COMMANDS = [
 ]
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("arguments", "code", "words"), COMMANDS, ids=lambda value: str(value)[:50])
 def test_every_command_prints_brackets(
     folder: Path, arguments: tuple[str, ...], code: int, words: str

@@ -55,6 +55,7 @@ def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):
     seeing.close()
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_an_environment_with_cameras_follows_gymnasium():
     env = gym.make(FEEDING, cameras=["wrist", {"name": "scene", "kinds": ["depth"], "fovy_deg": 60.0}])

@@ -117,6 +117,7 @@ def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
     assert 1.0 < first_step_forces(episodes).max() < MAX_FORCE_N
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing", "ArmManipulation"])
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("how", ["constant", "at the person"])

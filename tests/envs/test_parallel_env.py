@@ -26,6 +26,7 @@ def actions(env: AssistiveParallelEnv, rng: np.random.Generator, share: float = 
     return {agent: scale[agent] * rng.uniform(-1.0, 1.0, size) for agent, size in sizes.items()}
 
 
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_environment_passes_the_test_of_pettingzoo(environment):
     parallel_api_test(avrgym.parallel_env(environment), num_cycles=12)
@@ -46,6 +47,7 @@ def test_observations_lie_within_their_spaces_and_the_same_seed_gives_the_same_b
         assert rewards[ROBOT] == rewards[HUMAN]
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_human_who_does_nothing_is_the_static_person(environment, rng):
     """The same start, and the same episode as long as nothing touches: a static person does not give way in joints."""

@@ -88,6 +88,7 @@ def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
     np.testing.assert_array_equal(state, episodes.simulation.integration_state())
 
 
+@pytest.mark.slow
 def test_usd_shows_the_scene_where_it_stands(tmp_path: Path) -> None:
     Usd = pytest.importorskip("pxr.Usd", reason="`pip install avrgym[usd]` brings what reads USD")
     UsdGeom = import_module("pxr.UsdGeom")

@@ -61,6 +61,7 @@ def test_every_vectorisation_of_gymnasium_works(vectorization):
 # As RLlib does
 
 
+@pytest.mark.slow
 def test_who_expects_episodes_to_begin_in_the_next_step_gets_whole_ones():
     """A learner that drops the step after an end counts episodes of 200 steps that never jump."""
     env = gym.make_vec(FEEDING, num_envs=3, people="revised", autoreset_mode=AutoresetMode.NEXT_STEP)

@@ -107,6 +107,7 @@ def test_every_wrapper_is_tried() -> None:
     assert {*WRAPPERS, *OF_PICTURES, *SHOWN, *WITH_JAX} == set(wrappers.__all__)
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize(

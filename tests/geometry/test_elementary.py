@@ -84,6 +84,7 @@ for _ in range(30):
 """
 
 
+@pytest.mark.slow
 def test_an_episode_is_the_same_bits_whatever_a_processor_offers_to_numpy() -> None:
     """Base search, policy, moving person and reward, with all and with none of a processor's extensions."""
     offered = [name for name in __cpu_dispatch__ if __cpu_features__[name]]

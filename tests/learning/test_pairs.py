@@ -86,6 +86,7 @@ def assert_same_weights(first: Path, second: Path) -> None:
         assert Policy.load(first / name).digest == Policy.load(second / name).digest
 
 
+@pytest.mark.slow
 def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
     view, joints = human_view_of(SCRATCHING)
@@ -167,6 +168,7 @@ def test_agents_alternate_after_equal_numbers_of_updates(alternate):
 # The episodes
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize("environment", OFFERING)
 def test_rollouts_of_a_pair_equal_the_parallel_environment(environment):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
@@ -193,6 +195,7 @@ def test_rollouts_of_a_pair_equal_the_parallel_environment(environment):
         assert len(np.unique(robot.actions)) > 1
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("environment", OFFERING)
 def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_path, monkeypatch):
     """The same start, the actions that the network says there, and the same worlds after them."""

@@ -153,6 +153,7 @@ def test_a_training_stores_its_configuration_and_its_log(trained):
     assert list((out / "tensorboard").rglob("events.out.tfevents.*"))
 
 
+@pytest.mark.slow
 def test_a_used_folder_is_refused_and_not_changed(trained):
     _, out = trained
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
@@ -258,6 +259,7 @@ def test_a_training_can_consist_of_imitation_only(tmp_path, monkeypatch):
         resume(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     first, out = trained
@@ -349,6 +351,7 @@ def test_an_unknown_environment_writes_nothing(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_training_of_an_earlier_version_resumes(tmp_path):
     folder = Path(shutil.copytree(DATA / "training-of-0.2.0", tmp_path / "training"))
     before = stored_configuration(folder)
@@ -477,6 +480,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
     assert "guard_interventions" in policy.metadata.measured
 
 
+@pytest.mark.slow
 def test_evaluate_reports_that_a_policy_was_trained_with_the_guard(tmp_path):
     policy = Policy.load(find_policy("revised", SCRATCHING))
     path = str(tmp_path / "guarded.safetensors")

@@ -144,6 +144,7 @@ def test_unknown_zoos_and_styles_list_the_names(name):
 # How they move -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("offered", ["mouth", "arm", "nothing"])
 def test_speeds_and_accelerations_stay_within_limits(offered: OfferedPart, rng):
     people, mind = reset_episodes(ALL, rng.random((len(ALL), 4)))

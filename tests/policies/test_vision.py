@@ -114,6 +114,7 @@ class Looking:
         return np.zeros(7)
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_a_controller_receives_the_images_of_its_own_world():
     controllers: list[Looking] = []

@@ -59,6 +59,7 @@ def place(transform: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array([at.x, at.y, at.z]), np.array([turned.w, turned.x, turned.y, turned.z])
 
 
+@pytest.mark.slow
 def test_times_are_those_of_the_calendar(recording: Recording, shown: Messages) -> None:
     assert datetime.now(UTC) - recording.began_at < timedelta(hours=1)
     began_ns = round(recording.began_at.timestamp() * 1e9)

@@ -143,6 +143,7 @@ def test_a_page_that_cannot_draw_says_so(
         expect(page.locator("#enter")).to_be_hidden()
 
 
+@pytest.mark.slow
 def test_a_page_of_another_origin_shows_none_of_ours(browser: Browser, server: LiveServer[Session]) -> None:
     """What a foreign page frames stays empty, the spectator's page as well."""
     page = browser.new_page()

@@ -20,6 +20,7 @@ CHANGED = {
 """Settings by environment."""
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", CHANGED)
 def test_a_trial_with_settings_is_replayed_to_the_same_bits(tmp_path: Path, environment: str) -> None:
     visit = Visit(

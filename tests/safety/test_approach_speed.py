@@ -63,6 +63,7 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
     return max(people), max(both)
 
 
+@pytest.mark.slow
 def test_the_guard_overrides_exactly_above_the_speed_limits():
     """Arms that are led at people who come to meet them: each world, step by step, worked out once more alone."""
     episodes = reset_episodes(FEEDING, WORLDS, "participants", by_region=True)
@@ -116,6 +117,7 @@ def largest_shares(environment: str, people: str, asked: Asked) -> tuple[FloatAr
     return found[0], found[1]
 
 
+@pytest.mark.slow
 def test_heads_that_approach_a_spoon_have_no_impact():
     without, guarded = largest_shares(FEEDING, "participants", lambda each: each.task.feedback_expert(each))
     assert (without > 1.0).sum() >= 2

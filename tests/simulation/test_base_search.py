@@ -135,6 +135,7 @@ def plain_score(problem: Problem, world: int, candidate: int, from_rad: np.ndarr
     return reached, isotropy
 
 
+@pytest.mark.slow
 def test_no_candidate_is_better_than_the_chosen_one(rng):
     """Scored again one by one, in full precision and up to the goals; the search stops up to 2 cm before them."""
     problem = Problem(rng, count=2, candidates=20)

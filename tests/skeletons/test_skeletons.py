@@ -64,6 +64,7 @@ def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None
     assert "let-go" in refused.stderr
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("kind", NAMES)
 def test_nothing_of_the_template_s_name_is_left(kind: str, installed: Path) -> None:
     written = files_in(installed / kind)

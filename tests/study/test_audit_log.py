@@ -137,6 +137,7 @@ def command(*arguments: str | Path) -> Result:
 # Who did what
 
 
+@pytest.mark.slow
 def test_dashboard_actions_and_views_are_logged_by_person(
     store: Store, served: tuple[LiveServer[Session], str]
 ) -> None:
@@ -439,6 +440,7 @@ def test_dashboard_shows_results_only_on_request(
     assert found in " ".join(Page(path).text.split())
 
 
+@pytest.mark.slow
 def test_rejected_enrolment_is_logged(store: Store, served: tuple[LiveServer[Session], str]) -> None:
     """A rejection reveals whether a person with that name takes part."""
     server, token = served

@@ -259,6 +259,7 @@ def test_consented_participant_must_reconsent_before_allocation(folder: Path) ->
         assert record_inclusion(store, pseudonym, eligible_answers(store))
 
 
+@pytest.mark.slow
 def test_command_requests_reconsent(folder: Path) -> None:
     with Store(folder) as store:
         agreeing, declining = (

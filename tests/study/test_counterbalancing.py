@@ -46,6 +46,7 @@ def test_single_condition_has_one_row():
     assert williams_square(1).tolist() == [[0]]
 
 
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize("tasks", range(1, 9))
 def test_orders_are_balanced(tasks):
     for conditions in SIZES:

@@ -265,6 +265,7 @@ def test_each_questionnaire_has_a_figure_with_its_labels(out: Path) -> None:
     assert "from 1 (perfect) to 21 (failure)" in figures["likert-load-people"]
 
 
+@pytest.mark.slow
 def test_report_shows_texts_of_each_questionnaire(out: Path) -> None:
     page = words(out / "report" / "index.html")
     for said in (

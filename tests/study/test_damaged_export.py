@@ -114,6 +114,7 @@ def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> No
     assert exported_trials(out, data_format) == 2 * TRIALS - 1
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("data_format", FORMATS)
 def test_undamaged_study_lists_no_problems(folder: Path, data_format: str) -> None:
     assert export(folder, data_format, "--skip-damaged").exit_code == 0

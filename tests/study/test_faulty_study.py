@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import pytest
+
 from avrgym.study.storage.store import Store
 from helpers.studies.faulty_study import INTERRUPTIONS, Expected, Fault, FaultyStudy
 from helpers.studies.small_studies import make_study
 
 
+@pytest.mark.slow
 def test_expected_attempts_count(tmp_path: Path) -> None:
     protocol = {"free_movement_s": "0.4", "trial_steps": "10", "practice_policy": '""'}
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', **protocol)) as store:

@@ -53,6 +53,7 @@ def test_all_languages_have_all_sentences(language: str) -> None:
     assert language == "en" or texts.untranslated(list(sentences())) == []
 
 
+@pytest.mark.slow
 def test_all_questions_can_be_declined(store: Store) -> None:
     record_functioning(store, "sub-001", Functioning(dict.fromkeys(QUESTIONS, DECLINED), (DECLINED,)))
     said = store.participant("sub-001").functioning
@@ -122,6 +123,7 @@ def test_suppressed_groups_cannot_be_computed_from_the_total() -> None:
                 assert not hidden or sum(hidden) >= MIN_GROUP_SIZE or all(seen is None for seen in shown)
 
 
+@pytest.mark.slow
 def test_export_contains_individual_answers_only_on_request(store: Store, tmp_path: Path) -> None:
     rows = {(row.question, row.answer): row.people for row in functioning_counts(store)}
     assert rows["seeing", "none"] == "7"

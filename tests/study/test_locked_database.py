@@ -95,6 +95,7 @@ def test_stop_works_while_the_database_is_locked(visit: StudyVisit, locked: Lock
     assert states(visit) == ["stopped"]
 
 
+@pytest.mark.slow
 def test_next_trial_waits_until_the_last_is_stored(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
     attended.calibrate()

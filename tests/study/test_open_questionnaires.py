@@ -103,6 +103,7 @@ def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[St
     assert summarise_study(store).participants[0].questionnaires_open == 0
 
 
+@pytest.mark.slow
 def test_rebuild_contains_late_answers(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)
@@ -136,6 +137,7 @@ def test_rebuild_keeps_a_questionnaire_open(left: Callable[[], tuple[Store, str]
         assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
+@pytest.mark.slow
 def test_skipped_items_are_missing(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)

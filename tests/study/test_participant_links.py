@@ -220,6 +220,7 @@ def test_new_link_ends_the_earlier_one(served: Served) -> None:
         served.sessions.renew_link("sub-999")
 
 
+@pytest.mark.slow
 def test_only_checksums_of_links_are_stored(store: Store, tmp_path: Path) -> None:
     german = take_in_german(store)
     with serving(store, tmp_path) as served:

@@ -184,6 +184,7 @@ def test_database_contains_the_checksum_of_the_record(tmp_path: Path) -> None:
     assert study("check", folder).exit_code == 0
 
 
+@pytest.mark.slow
 def test_record_remains_after_loss_of_the_database(tmp_path: Path) -> None:
     """A new database lacks the plan, which is an error; deviations are still listed."""
     folder = _frozen(small_study(tmp_path / "study"))

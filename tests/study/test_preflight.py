@@ -46,6 +46,7 @@ def check(folder: Path) -> tuple[int, list[str]]:
     return result.exit_code, (result.stdout + result.stderr).splitlines()
 
 
+@pytest.mark.slow
 def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         needed = policies_needed(store)

@@ -74,6 +74,7 @@ def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_o
     assert Retention(identities_months=months).due_on == {}
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("wrong", ['ended_on = "soon"', "identities_months = -1", "names_months = 3"])
 def test_error_of_an_invalid_period_has_its_line(folder: Path, wrong: str) -> None:
     state(folder, wrong + "\n")

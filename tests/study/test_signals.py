@@ -56,6 +56,7 @@ def test_server_closes_connections_and_ends(tmp_path: Path, number: signal.Signa
         assert server.process.wait(PATIENCE_S) == 0
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("number", SIGNALS)
 def test_interrupted_command_has_its_exit_code(number: signal.Signals) -> None:
     command = [AVRGYM, "evaluate", "avrgym/FeedingJaco-v1", "--episodes", "100000"]

@@ -119,6 +119,7 @@ def told(attended: Visit) -> list[str]:
     return [each.message for each in attended.received(Problem) if each.role == "experimenter"]
 
 
+@pytest.mark.slow
 def test_symptoms_pause_the_session(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:

@@ -81,6 +81,7 @@ def test_complete_study_on_the_command_line(folder: Path, tmp_path: Path) -> Non
     assert study("check", folder).exit_code == 0
 
 
+@pytest.mark.slow
 def test_new_study_is_not_overwritten(tmp_path: Path) -> None:
     assert study("new", tmp_path / "study").exit_code == 0
     again = study("new", tmp_path / "study")

@@ -251,6 +251,7 @@ def test_report_shows_scores_and_sources(out: Path) -> None:
         assert said in words
 
 
+@pytest.mark.slow
 def test_export_contains_scores_scales_and_codebook(out: Path) -> None:
     export = out / "export"
     exported = read(export / "scores.csv")

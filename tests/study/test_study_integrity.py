@@ -283,6 +283,7 @@ def test_kills_between_transaction_and_checksum_cause_no_finding(folder: Path) -
 # Earlier versions
 
 
+@pytest.mark.slow
 def test_study_of_an_earlier_version_keeps_its_hash_chain(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

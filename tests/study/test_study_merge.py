@@ -116,6 +116,7 @@ def test_merging_again_changes_nothing(sites: list[Path], out: Path) -> None:
     assert files_in(out) == before
 
 
+@pytest.mark.slow
 def test_second_merge_adds_new_data(sites: list[Path], out: Path, tmp_path: Path) -> None:
     merge_studies(sites, out)
     before = study_contents(out)
@@ -151,6 +152,7 @@ def test_merge_deletes_participants_deleted_at_a_site(sites: list[Path], out: Pa
     assert check_errors(out) == []
 
 
+@pytest.mark.slow
 def test_interrupted_deletion_is_completed_by_the_next_merge(
     sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,6 +317,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
 ]
 
 
+@pytest.mark.fast_cases(6)
 @pytest.mark.parametrize(("prepare", "words"), REFUSED)
 def test_invalid_sites_are_rejected(
     sites: list[Path], out: Path, prepare: Callable[[list[Path]], list[Path]], words: str
@@ -408,6 +411,7 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
         assert not [each for each in check_study(store) if "left out" in each.message]
 
 
+@pytest.mark.slow
 def test_next_merge_restores_damaged_recordings(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
     first, second, *_ = sorted((out / "recordings").rglob("*.mcap"))

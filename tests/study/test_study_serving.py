@@ -210,6 +210,7 @@ def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None
     loop.sessions.close(loop.now_s)
 
 
+@pytest.mark.slow
 def test_experimenter_skips_questions_or_ends_the_session(asking: Store) -> None:
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     loop.ask(loop.sessions.begin, pseudonym)

@@ -367,6 +367,7 @@ os._exit(9)
 """
 
 
+@pytest.mark.slow
 def test_session_of_a_dead_process_is_taken_over(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     assert subprocess.run([sys.executable, "-c", CRASH, store.folder, pseudonym]).returncode == 9

@@ -334,6 +334,7 @@ def test_trial_does_not_begin_without_a_file(store: Store) -> None:
     assert states(store)[0] == "completed"
 
 
+@pytest.mark.slow
 def test_trial_is_repeated_after_a_storage_error(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """If the end of a trial cannot be stored, the trial is repeated."""
     pseudonym = enrol_with_consent(store)

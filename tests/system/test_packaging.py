@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 import rtbdata
 
 from helpers.system.paths import ROOT
@@ -33,6 +34,7 @@ def test_the_conda_recipe_requires_the_core_and_the_extras_of_studies() -> None:
     assert f"  version: {project()['version']}\n" in recipe
 
 
+@pytest.mark.slow
 def test_pruned_robot_data_contain_all_meshes(tmp_path: Path) -> None:
     """Run the script on a copy made of links, which precedes the installed package on the path."""
     copy = Path(shutil.copytree(Path(rtbdata.__path__[0]), tmp_path / "rtbdata", copy_function=os.symlink))

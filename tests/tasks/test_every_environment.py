@@ -35,6 +35,7 @@ def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarr
         assert_array_equal(one.reward[0], other.reward[at])
 
 
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize("people", ["revised", "participants", "zoo/train"])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_number_of_threads_changes_no_bit(environment, people, rng):
@@ -45,6 +46,7 @@ def test_the_number_of_threads_changes_no_bit(environment, people, rng):
         assert_array_equal(first.reward, second.reward)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_an_episode_is_the_same_alone_and_among_64(environment, rng):
     alone, among = reset_episodes(environment, 1, first=41), reset_episodes(environment, 64)
@@ -57,6 +59,7 @@ def test_random_episodes_stay_finite_without_a_warning(environment, rng):
     assert_finite(reset_episodes(environment, 12), rng, EPISODE_STEPS)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", CARRYING)
 def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
     episodes = reset_episodes(environment, 8)
@@ -77,6 +80,7 @@ def on_tool(episodes: Episodes) -> np.ndarray:
     return transforms.rotate(transforms.conjugate(state.tool_q_w)[:, None], offset)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_robot_and_person_do_not_pass_through_each_other(environment, rng):
     worlds = 8

@@ -256,6 +256,7 @@ def test_people_spread_their_right_arm(episodes):
 # The scratcher
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_tip_is_five_centimetres_past_the_fingers(name):
     scene = SCRATCHING.scene(ROBOTS[name])

@@ -231,6 +231,7 @@ def test_table_bowl_and_hand_move_together() -> None:
     np.testing.assert_allclose(tools_w[1] - tools_w[0], offset_m, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_base_out_of_reach_is_refused() -> None:
     settings = Settings(robot_pose=(-3.0, 0.0, 0.0))
     episodes = Episodes("avrgym/FeedingPR2-v1", 1, num_threads=1, settings=settings)

@@ -299,6 +299,7 @@ def test_the_names_are_this_machines() -> None:
     assert "127.0.0.1" not in names
 
 
+@pytest.mark.slow
 def test_the_local_network_requires_tls(tmp_path: Path) -> None:
     with pytest.raises(ServerError, match="--lan"):
         LiveServer(lambda send: cast(Session, None), "0.0.0.0", 0)

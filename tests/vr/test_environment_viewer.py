@@ -107,6 +107,7 @@ def test_episode_follows_episode_with_other_people():
     assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
 
 
+@pytest.mark.slow
 def test_the_status_contains_reward_success_and_force():
     watcher = Watcher("avrgym/ScratchItchJaco-v1", "oracle")
     watcher.load()
@@ -188,6 +189,7 @@ def test_an_unknown_name_is_rejected_at_the_start():
         Watcher("avrgym/Flying-v1")
 
 
+@pytest.mark.slow
 def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits far below contact make the guard hold every arm that approaches the person."""
     monkeypatch.setattr("avrgym.safety.force_guard.GUARD_SHARE", 1e-6)

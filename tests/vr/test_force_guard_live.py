@@ -71,6 +71,7 @@ def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded
     assert unguarded.recording.configuration.force_guard is False
 
 
+@pytest.mark.slow
 def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, unguarded: Trial) -> None:
     assert happened(unguarded) == []
     found = happened(guarded)

@@ -76,6 +76,7 @@ def test_a_mesh_keeps_its_area(name: str) -> None:
     assert {mesh: share for mesh, share in shares.items() if not LEAST_AREA < share < MOST_AREA} == {}
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_normals_are_those_of_the_surface(name: str) -> None:
     """No face is shaded as if it faced another way, but for slivers."""

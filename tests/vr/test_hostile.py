@@ -98,6 +98,7 @@ def assert_guarded(answer: bytes, path: str = "") -> None:
 # Every route, role, origin and host --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_other_origins_and_hosts_are_refused_on_every_route(server: LiveServer[Session], quiet: None) -> None:
     """Also with the right token; and each is answered where neither is hostile."""
     port = server.port
@@ -335,6 +336,7 @@ def failing() -> FastAPI:
     return app
 
 
+@pytest.mark.slow
 def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogCaptureFixture) -> None:
     listener = listen("127.0.0.1", 0)
     port, web = listener.getsockname()[1], WebServer(failing(), ConnectionLimiter(listener, Tokens.new()))

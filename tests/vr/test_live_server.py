@@ -600,6 +600,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     assert event[0] == last[0]
 
 
+@pytest.mark.slow
 def test_a_silent_headset_is_disconnected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "PING_INTERVAL_S", 0.1)
     monkeypatch.setattr(web_server, "PING_TIMEOUT_S", 1.0)
@@ -730,6 +731,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(ORPHAN)
@@ -788,6 +790,7 @@ def test_the_port_is_free_again_when_the_session_cannot_be_made() -> None:
         again.bind(("127.0.0.1", ports[0]))
 
 
+@pytest.mark.slow
 def test_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
     simulations = count_threads("simulation")
     children = len(multiprocessing.active_children())
@@ -809,6 +812,7 @@ def count_threads(name: str) -> int:
     return sum(thread.name == name for thread in threading.enumerate())
 
 
+@pytest.mark.slow
 def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
     def fail(now_s: float) -> None:
         raise ArithmeticError("the physics exploded")

@@ -66,6 +66,7 @@ def gpu_bytes(glb: GlbFile) -> int:
     return geometry + sum(4 * 4 * each // 3 for each in pixels)
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_mesh_is_valid(environment: str) -> None:
     glb = exported(environment)

@@ -183,6 +183,7 @@ def test_every_tick_hands_out_its_state(whole: Visit) -> None:
     assert told == list(range(1, len(told) + 1))
 
 
+@pytest.mark.slow
 def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
     around = ["free_before", "countdown", "trial", "retreat", "free_after"]
     assert whole.phases == [

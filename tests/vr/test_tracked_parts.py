@@ -309,6 +309,7 @@ def test_tasks_that_serve_an_arm_need_it() -> None:
         assert TASKS[name].tracked == (("head", "right") if offers_arm else ("head",))
 
 
+@pytest.mark.slow
 def test_a_recording_tells_which_parts_its_task_needs(tmp_path: Path) -> None:
     visit = visiting(tmp_path, "ScratchItch")
     visit.go_to("free_before")

@@ -101,6 +101,7 @@ def test_the_experimenter_begins_no_trial_in_their_place(
     assert len(blocked.session.recordings) == 1
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize("phase", ["check", "ready"])
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_no_trial_begins_while_they_do_not_see_the_scene(
