@@ -97,6 +97,4 @@ def test_torso_heights_follow_from_standing_heights() -> None:
     page = (DOCS / "how_to" / "people.md").read_text()
     medians = {"man": (1.755, MAN.torso_height), "woman": (1.625, WOMAN.torso_height)}
     (found,) = re.findall(r"about ([\d.]+) times the standing height of men and ([\d.]+) times", page)
-    ratios = dict(zip(("man", "woman"), found, strict=True))
-    for sex, (standing_m, torso_m) in medians.items():
-        assert ratios[sex] == f"{torso_m / standing_m:.3f}"
+    assert found == tuple(f"{torso_m / standing_m:.3f}" for standing_m, torso_m in medians.values())

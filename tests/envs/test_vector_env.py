@@ -168,7 +168,7 @@ def test_what_was_given_may_be_changed():
         given = env.step(STILL)
         if env is changed:
             for array in (*given[:4], given[4]["success"], given[4]["reward_terms"]["distance_m"]):
-                array[:] = 1
+                np.asarray(array)[:] = 1
     mask = np.array([False, True, False])
     first, second = (env.reset(options={"reset_mask": mask})[0] for env in (changed, kept))
     assert isinstance(first, np.ndarray)

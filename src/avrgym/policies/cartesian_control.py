@@ -40,9 +40,9 @@ class CartesianController:
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
         positions = self._simulation.joint_positions()[:1]
         j = action_jacobian(self.chain, positions, drives=self._drives)[0]
-        speeds: FloatArray = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
-        shares: FloatArray = speeds / self._speed_limit
-        reached: FloatArray = j @ speeds
+        damped = np.asarray(j @ j.T + DAMPING**2 * np.eye(6), float)
+        speeds = np.asarray(j.T @ np.linalg.solve(damped, velocity_b), float)
+        shares, reached = speeds / self._speed_limit, np.asarray(j @ speeds, float)
         excess = (
             np.abs(shares).max(),
             np.linalg.norm(reached[:3]) / SPEED_LIMIT_M_S,
