@@ -106,9 +106,10 @@ def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
     )
     assert shoulder_limits.within_limits(group.joint_angles_rad).all()
     assert clearance(*person_capsules(group, scene.posture), furniture).min() >= 0.01
-    offset = np.degrees(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
-    assert (np.abs(offset) <= 10.0 + 1e-9).all()
-    assert (np.abs(offset).max(axis=0) > 9.0).all()
+    spread_rad = task.pose.spread_rad[distributions.RIGHT_ARM]
+    offset_rad = np.abs(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
+    assert (offset_rad <= spread_rad + 1e-9).all()
+    assert (offset_rad.max(axis=0) > 0.9 * spread_rad).all()
 
 
 def test_poses_without_clearance_are_sampled_again(rng):

@@ -41,7 +41,10 @@ def pose_of(person: Person, posture: Posture, angles_rad: np.ndarray) -> BodyPos
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> None:
-    """Sitting or lying, from the task's rest: a nod, a lean and both arms, in the simulated physics."""
+    """Sitting or lying, from the task's rest: a nod, a lean and both arms, in the simulated physics.
+
+    A limp right arm is exempt: its joints are too weak to follow the tracked hand, and the robot must move it.
+    """
     task, _ = ENVIRONMENTS[environment]
     rest_rad = TASKS[task].pose.rest_rad
     person = Person("woman", 0.56, rest_rad)
@@ -52,11 +55,10 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
         world.follow(wanted)
         world.tick(None)
     reached = pose_of(person, world.scene_config.posture, world.simulation.person_angles_rad()[0])
-    for there, here in (
-        (reached.head, wanted.head),
-        (reached.left, wanted.left),
-        (reached.right, wanted.right),
-    ):
+    followed = [(reached.head, wanted.head), (reached.left, wanted.left)]
+    if TASKS[task].strength_share is None:
+        followed.append((reached.right, wanted.right))
+    for there, here in followed:
         assert there is not None
         assert here is not None
         assert np.linalg.norm(there.pos_w - here.pos_w) < 0.01

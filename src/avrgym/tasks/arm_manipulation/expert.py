@@ -28,11 +28,11 @@ CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03
 """The forearm also moves to the person's left if its missing height is less than this."""
-INSIDE_M = 0.02
+INSIDE_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145
 """Smallest x of the forearm's lifted point during lifting. The far rim of the scooper is there clear of the armrest."""
-AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.01, 0.12, 0.02
+AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
 """Maximum vertical distance of the target from the forearm, its height above the carrying height, and the maximum and
 minimum speed."""
 

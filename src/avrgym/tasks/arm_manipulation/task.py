@@ -29,10 +29,13 @@ from avrgym.tasks.person import ARM_SPREAD_RAD
 from avrgym.tasks.task import Task, View, Views
 
 POSE = Pose(
-    rest_rad=human.joint_angles(right_shoulder_y=38.0, right_shoulder_x=10.0, right_elbow_x=-55.0),
+    rest_rad=human.joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
     spread_rad=0.5 * ARM_SPREAD_RAD,
 )
-"""Seated, the upper arm outside the armrest, the forearm hanging; each joint of the arm within ±5°."""
+"""Seated, the upper arm outside the armrest, the forearm hanging; each joint of the arm within ±5°.
+
+With less abduction, the arms of short people overlap the armrest, and the hand is close to a mounted robot.
+"""
 LIMP_STRENGTH_SHARE = {
     **{joint: 0.03 for joint in JOINTS if joint.startswith("right_")},
     "right_shoulder_y": 0.005,
