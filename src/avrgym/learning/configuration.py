@@ -34,15 +34,15 @@ RENAMED_KEYS = {
     "hidden": "net_arch",
     "memory": "memory_size",
 }
-"""Present names of configuration keys, by their names in version 0.2."""
+"""Names of configuration keys in version 0.2, and their current names."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Settings of a training of robot and human together. The human's bodies are drawn from the population.
+    """Settings of a training in which robot and human both learn. The human's bodies are drawn from the population.
 
-    With ``alternate`` 0 both agents learn in each update. Otherwise one agent learns for ``alternate`` updates while
-    the other is fixed, first the robot. If the reward is not shared, each agent's reward contains only its own action
+    If ``alternate`` is 0, both agents learn in each update. Otherwise the agents take turns of ``alternate`` updates;
+    the robot learns first. If the reward is not shared, each agent's reward contains only the agent's own action
     penalty.
     """
 
@@ -52,10 +52,10 @@ class Pairing:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfiguration:
-    """Settings that all recipes share; ``steps`` are environment steps, rounded up to whole updates.
+    """Settings that all recipes share. ``steps`` is the number of environment steps, rounded up to whole updates.
 
-    ``threads`` step the worlds, 0 for one on each core. With ``force_guard`` the policy is trained behind the force
-    guard. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
+    ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
+    force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
     """
 
     environment: str
@@ -91,7 +91,7 @@ class TrainingConfiguration:
 
     @property
     def imitation_steps(self) -> int:
-        """Environment steps of imitation."""
+        """Number of environment steps of imitation."""
         return self.imitation_updates * self.update_steps
 
     @abstractmethod
@@ -105,7 +105,7 @@ class TrainingConfiguration:
 
 @dataclass(frozen=True, kw_only=True)
 class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
-    """A training of a robot's feed-forward policy, and with ``pairing`` also of a human's policy."""
+    """Settings of a training of a robot's feed-forward policy. With ``pairing``, a human's policy is trained too."""
 
     people: str = ORIGINAL
     impairment: str = "none"
@@ -122,11 +122,11 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
     def _ppo_progress(self, steps: float) -> float:
-        """The completed share of PPO after ``steps`` environment steps, 0 to 1."""
+        """The share of PPO that is completed after ``steps`` environment steps, 0 to 1."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
-        """Logarithm of the action standard deviation after ``steps``."""
+        """Natural logarithm of the action standard deviation after ``steps``."""
         first, last = self.log_std
         return first + self._ppo_progress(steps) * (last - first)
 
@@ -135,12 +135,12 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return self.learning_rate * max(0.01, 1.0 - self._ppo_progress(steps))
 
     def force_weight_at(self, steps: float) -> float:
-        """The reward penalty after ``steps``, per newton."""
+        """The reward penalty per newton of force on the person after ``steps``."""
         return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
     def actor_learns_at(self, steps: int) -> bool:
-        """Whether the actor learns too. Directly after imitation only the critic learns, for ``critic_updates``
-        updates."""
+        """Whether the actor learns in addition to the critic. In the first ``critic_updates`` updates after imitation,
+        only the critic learns."""
         critic_steps = self.critic_updates * self.update_steps
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
@@ -156,11 +156,11 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
 
 @dataclass(frozen=True, kw_only=True)
 class RecurrentConfiguration(TrainingConfiguration):
-    """A training of a recurrent policy.
+    """Settings of a training of a recurrent policy.
 
     The first updates imitate the task's expert, or the policy ``teacher`` (name or file). ``initial`` is a recurrent
-    policy (name or file) from which training starts; its layer sizes replace ``memory_size`` and ``net_arch``. The
-    default of ``imitation_share`` is ``RECURRENT.imitation_share``, and 0 with an initial policy.
+    policy (name or file) from which training starts; its layer sizes replace ``memory_size`` and ``net_arch``.
+    ``imitation_share`` is ``RECURRENT.imitation_share`` by default, or 0 if there is an initial policy.
     """
 
     people: str = TRAIN_ZOO
@@ -188,16 +188,17 @@ class RecurrentConfiguration(TrainingConfiguration):
         return replace(longer, imitation_share=self.imitation_updates / longer.updates)
 
     def ppo_progress(self, update: int) -> float:
-        """The completed share of PPO before an update, 0 to 1, without the first updates of the critic alone."""
+        """The share of PPO that is completed before an update, 0 to 1. It is 0 while only the critic learns."""
         first = self.imitation_updates + RECURRENT.critic_updates
         return max(0.0, (update - first) / max(1, self.updates - first))
 
 
 @dataclass(frozen=True, kw_only=True)
 class VisualConfiguration(TrainingConfiguration):
-    """A training of a policy with vision.
+    """Settings of a training of a policy with vision.
 
-    It imitates ``teacher``, a policy by its name or file, with images of the ``camera``, see ``models.cameras``.
+    The policy imitates ``teacher`` (name or file of a policy). It observes images of ``camera``, see
+    ``models.cameras``.
     """
 
     people: str = REVISED
@@ -233,7 +234,7 @@ def configuration_for(
     pairing: Pairing | None = None,
     **others: Any,
 ) -> FeedforwardConfiguration:
-    """A training of a feed-forward policy, with the hyperparameters of its task unless others are given.
+    """Returns the settings of a training of a feed-forward policy. Default hyperparameters: those of the task.
 
     Raises:
         ValueError: for an unknown environment. The message contains the allowed ids.
@@ -264,7 +265,7 @@ def contains_training(out: Path) -> bool:
 
 
 def stored_configuration(out: Path) -> AnyConfiguration:
-    """Read the configuration of the training in ``out``, also of version 0.2.
+    """Read the configuration of the training in ``out``. Files of version 0.2 are accepted too.
 
     Raises:
         ValueError: if ``out`` contains no training, or a training of another learning version.
@@ -301,7 +302,7 @@ def store_people(people: str, out: Path) -> None:
 
 
 def stored_people(people: str, out: Path) -> str:
-    """The name of the population, or the path of its copy in the folder of a training."""
+    """Returns ``people`` if it names a population, otherwise the path of the copy of the people in ``out``."""
     if people in NAMED_DISTRIBUTIONS:
         return people
     copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]

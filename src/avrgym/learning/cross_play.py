@@ -47,12 +47,13 @@ def cross_play(
 ) -> list[Evaluation]:
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
-    The arguments are those of ``evaluate_all``. In an environment all policies have the same episodes. With
-    ``leave_out``, environments without the policy or the people, and environments that fail, are reported and skipped.
+    The arguments are those of ``evaluate_all``. All policies are evaluated in the same episodes of an environment. If
+    ``leave_out`` is given, it is called for each environment that lacks the policy or the people, or fails. This
+    environment is skipped.
 
     Raises:
-        ValueError: for an unknown name, before the evaluation; the message lists the allowed values. With
-            ``leave_out``: if a name is unknown in every environment, or all environments fail.
+        ValueError: before the evaluation, for an unknown name; the message contains the allowed values. With
+            ``leave_out``, only if a name is unknown in every environment, or if all environments fail.
     """
     find_impairment(impairment)
     check_engine(engine)
@@ -114,7 +115,8 @@ def _environments_with(
     find: Callable[[str, str], object],
     leave_out: ReportOmitted | None,
 ) -> set[str]:
-    """The environments that have a policy or population with this name. Without any, raises the first error."""
+    """Returns the environments in which ``find`` finds the policy or population ``name``. Raises the first error if
+    there are none, or if ``leave_out`` is None."""
     errors: dict[str, Exception] = {}
     for environment_id in environment_ids:
         try:
@@ -132,8 +134,8 @@ def _environments_with(
 def _rows(
     run: Run, environment_ids: Sequence[str], label: str, leave_out: ReportOmitted
 ) -> Iterator[Evaluation]:
-    """Evaluate packaged environments together and other environments one by one. After an error, evaluate all one by
-    one."""
+    """Evaluate packaged environments together, and other environments one by one. If the joint evaluation fails,
+    evaluate the packaged ones one by one too."""
     packaged = [each for each in environment_ids if each in ENVIRONMENTS]
     single = [each for each in environment_ids if each not in ENVIRONMENTS]
     try:
@@ -151,7 +153,8 @@ def _rows(
 
 
 def matrix(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Matrix of success rates with 95 % intervals: a row per environment and policy, a column per population."""
+    """Returns a table of success rates with 95 % intervals: a row per environment and policy, a column per
+    population."""
     table: dict[tuple[str, str], dict[str, Any]] = {}
     groups = dict.fromkeys(row.people for row in rows)
     for row in rows:

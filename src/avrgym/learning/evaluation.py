@@ -30,14 +30,13 @@ Progress = Callable[[int], None]
 
 MAX_WORLDS = 64
 MIN_EPISODES_PER_PROCESS = 16
-"""Minimum number of episodes of a process. Fewer episodes take less time than the start of a process."""
+"""Minimum number of episodes per process. To start another process for fewer episodes would take longer."""
 QUANTILE = NormalDist().inv_cdf(0.975)
 """Standard normal quantile of two-sided 95 % intervals."""
 
 
 class Results(NamedTuple):
-    """Results of n episodes, (n,): return, success, mean force, region loads, guard interventions, samples of the
-    start."""
+    """Results of n episodes, arrays (n,). ``draws`` is the number of sampled initial states, see ``Evaluation``."""
 
     reward: FloatArray
     success: BoolArray
@@ -50,14 +49,15 @@ class Results(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results of one policy in one environment. Episodes of the ``split`` test must not influence a choice.
+    """Results of one policy in one environment. Results on the test ``split`` must not be used to select a policy.
 
-    ``force_mean_newton`` is the mean over all steps. ``force_regions`` are forces by body region.
-    ``episodes_over_limit`` is the number of episodes in which a region exceeded its limits, see ``RegionLoads``.
-    ``guard_interventions`` is the mean number per episode, ``None`` without the force guard. ``plugin_differences``
-    lists plug-ins that changed since the policy's training. Initial states are resampled until they have enough
-    clearance: ``start_draws_mean`` and ``start_draws_max`` are samples per episode, ``starts_refused`` is the number of
-    rejected samples. ``settings`` are the changed ones, ``steps`` the control steps of an episode.
+    ``force_mean_newton`` is the mean force on the person over all steps. ``force_regions`` contains forces by body
+    region. ``episodes_over_limit`` is the number of episodes in which a region exceeded its limits, see
+    ``RegionLoads``. ``guard_interventions`` is the mean number of interventions per episode, ``None`` without the force
+    guard. ``plugin_differences`` lists plug-ins that changed since the policy's training. Initial states are resampled
+    until they have enough clearance. ``start_draws_mean`` and ``start_draws_max`` are the mean and maximum number of
+    samples per episode, ``starts_refused`` is the number of rejected samples. ``settings`` contains the settings that
+    differ from the defaults. ``steps`` is the number of control steps of an episode.
     """
 
     env: str
@@ -87,7 +87,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _Batch:
-    """Episodes of one environment that are run in parallel. ``episodes`` are their numbers, from 0."""
+    """Episodes of one environment that run in parallel. ``episodes`` contains their numbers, from 0."""
 
     environment_id: str
     policy: TransferredFile
@@ -121,7 +121,7 @@ def evaluate(
     settings: Settings = DEFAULTS,
     steps: int = EPISODE_STEPS,
 ) -> Evaluation:
-    """Evaluate a policy in one environment in this process, see ``evaluate_all``."""
+    """Evaluate a policy in one environment in this process. Returns the results; see ``evaluate_all``."""
     (row,) = evaluate_all(
         [environment_id],
         policy,
@@ -160,7 +160,7 @@ def evaluate_all(
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
 ) -> list[Evaluation]:
-    """Evaluate a policy in each environment.
+    """Evaluate a policy in each environment. Returns the results by environment, in the same order.
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
@@ -172,16 +172,16 @@ def evaluate_all(
         progress: called repeatedly with the number of environment steps since the last call.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
         split: episodes of the test or the validation split, see ``random_streams``.
-        jobs: number of processes. Default: one for each core if there are enough episodes, and one for a device. It
-            does not change results.
-        cluster: runs the episodes instead of processes on this computer. It does not change results.
+        jobs: number of processes; it does not change results. Default: one per core if there are enough episodes; one
+            if physics runs on a device.
+        cluster: a cluster that runs the episodes instead of this computer. It does not change results.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         force_guard: whether the force guard limits contact force and approach speed.
         withdraw_after_success: as in ``Episodes``.
-        engine: where physics runs. Published results use ``threads``.
+        engine: the physics engine. Published results use ``threads``.
         settings: settings of the environments.
         allow_other_settings: whether to allow a policy that was trained with other settings.
-        steps: control steps of an episode.
+        steps: number of control steps of an episode.
 
     Raises:
         ValueError: for an unknown name, a policy that does not fit, or fewer than one episode. The message contains the
@@ -239,7 +239,7 @@ def evaluate_all(
 
 
 def _parts(episodes: int, size: int) -> list[range]:
-    """Split episodes into batches of at most ``size``; their lengths differ by at most 1."""
+    """Split the episode numbers into ranges of at most ``size``. Lengths of ranges differ by at most 1."""
     count = -(-episodes // size)
     bounds = [number * episodes // count for number in range(count + 1)]
     return [range(*bound) for bound in pairwise(bounds)]
@@ -248,7 +248,7 @@ def _parts(episodes: int, size: int) -> list[range]:
 def _run_batches(
     batches: list[_Batch], jobs: int, cluster: "Cluster | None", progress: Progress
 ) -> list[Results]:
-    """The results of each batch, in order."""
+    """Run all batches. Returns the results of each batch, in order."""
     if cluster is None and (jobs == 1 or len(batches) == 1):
         return [_run_batch(batch, progress) for batch in batches]
     reported = 0
@@ -318,7 +318,7 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
 def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
     """Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
 
-    ``count`` may be an effective sample size; ``quantile`` may be Student's instead of the normal one.
+    ``count`` may be an effective sample size. ``quantile`` may be a quantile of Student's t distribution.
     """
     proportion, z_squared_by_count = successes / count, quantile**2 / count
     middle = proportion + z_squared_by_count / 2.0
@@ -330,7 +330,7 @@ def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) 
 def _run(
     world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: Progress
 ) -> Results:
-    """Run one batch of episodes."""
+    """Run one batch of episodes. Returns the results."""
     count = len(generators)
     found = registry.find(
         batch.policy.local_path(),

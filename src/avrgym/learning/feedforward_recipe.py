@@ -1,8 +1,8 @@
-"""Recipe of feed-forward policies: imitation, then PPO, of a robot, or of a robot and a human together.
+"""Recipe of feed-forward policies: imitation, then PPO. It trains a robot, or a robot and a human together.
 
-Within an update, policy and normaliser are constant, and each world has its own exploration noise. The policy, the seed
-and the number of past steps determine the episodes. The weights therefore do not depend on the processes that run the
-episodes.
+During the episodes of an update, policy and normaliser are constant. Each world has its own exploration noise. Policy,
+seed and number of past steps determine the episodes. The trained weights therefore do not depend on the processes that
+run the episodes.
 """
 
 # Stable-Baselines3's attributes: their types are known only in part.
@@ -43,11 +43,12 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 RollOut = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
-"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_all`` for each."""
+"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_all`` per
+request."""
 LOG_NAMES = "PPO", "human"
 """Names of the robot and the human in TensorBoard's log."""
 WORLDS_PER_WORKER = 64, 128
-"""Minimum and maximum number of worlds of a cluster's worker, if the training has enough worlds."""
+"""Minimum and maximum number of worlds per worker of a cluster. A training with few worlds may use fewer."""
 
 
 def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None") -> None:
@@ -86,7 +87,8 @@ def _check_pairing(environment: str, people: str) -> None:
 
 
 def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
-    """The number of requests into which an update's worlds are divided: the number of workers, or a multiple."""
+    """Returns the number of requests among which an update's worlds are divided: a multiple of the number of
+    workers."""
     if cluster is None:
         return 1
     least, most = WORLDS_PER_WORKER
@@ -165,8 +167,8 @@ class FeedforwardRecipe:
         return policies
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """See ``Recipe.state``. It contains NumPy's global random stream, from which Stable-Baselines3 draws
-        minibatches."""
+        """See ``Recipe.state``. The state contains NumPy's global random stream; Stable-Baselines3 draws minibatches
+        from it."""
         tensors = {
             **ppo.agent_state(self._agents[0]),
             "torch_random": torch.get_rng_state(),
@@ -232,7 +234,7 @@ class FeedforwardRecipe:
         noise_seed: tuple[int, int] | None = None,
         expert_drives: BoolArray | None = None,
     ) -> list[Rollout]:
-        """Run an episode in every world. Returns it from each agent's view. Experts always use the engine
+        """Run an episode in every world. Returns a rollout for each agent. Experts always use the engine
         ``threads``."""
         configuration, steps = self._configuration, self.steps
         engine = configuration.engine if expert_drives is None else THREADS
@@ -259,7 +261,7 @@ class FeedforwardRecipe:
             model.num_timesteps = steps
 
     def _results(self, stage: str, episodes: list[tuple[float, bool]]) -> Update:
-        """Means over the policy's latest episodes, two for each world."""
+        """Returns mean reward and success rate of the policy's latest episodes, at most two per world."""
         if not episodes:
             return Update(stage, None, None)
         self._latest = (self._latest + episodes)[-2 * self._configuration.num_envs :]

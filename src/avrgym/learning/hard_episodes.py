@@ -18,8 +18,8 @@ STORED_EPISODES = 256
 class HardEpisodes:
     """Chooses the episodes of N worlds. A seed identifies each episode.
 
-    ``stored`` are the seeds of failed episodes, the latest last. In the latest choice, the first ``repeated`` episodes
-    are repetitions.
+    ``stored`` contains the seeds of failed episodes, the newest at the end. Of the episodes chosen last, the first
+    ``repeated`` are repetitions.
     """
 
     def __init__(self, worlds: int, share: float, seed: int) -> None:
@@ -30,7 +30,8 @@ class HardEpisodes:
         self._chosen: list[int] = []
 
     def choose(self, steps: int) -> list[int]:
-        """Seeds (N,) of the episodes after ``steps`` environment steps; repeated calls return the same seeds."""
+        """Choose the next episodes after ``steps`` environment steps. Returns their seeds (N,), always the same for the
+        same state."""
         random = random_streams.hard_episodes(self._seed, steps)
         old = random.permutation(self.stored)[: self._max_repeated].tolist()
         new = random.integers(2**53, size=self._worlds - len(old)).tolist()

@@ -1,4 +1,5 @@
-"""Files of hyperparameters: TOML with some fields of ``Hyperparameters``. Other fields have the task's values."""
+"""Hyperparameter files: TOML with fields of ``Hyperparameters``. Fields that are not in the file have the task's
+values."""
 
 import json
 import tomllib
@@ -39,15 +40,15 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validation_error(error: msgspec.ValidationError, where: str) -> ValueError:
-    """Convert a decoding error to one whose message contains the file, or its part, and the place of the wrong
-    value."""
+    """Convert an error of msgspec to ``ValueError``. The message contains ``where`` and the path of the wrong value."""
     what, _, path = str(error).partition(" - at `$")
     place = path.strip("`.")
     return ValueError(f"{where}: {place}{': ' if place else ''}{what[:1].lower()}{what[1:]}")
 
 
 def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where: str) -> Hyperparameters:
-    """Hyperparameters of an environment with ``changes``. Error messages name ``where``, the file or its part.
+    """Returns the hyperparameters of an environment with ``changes``. Error messages contain ``where`` (the file or its
+    part).
 
     Raises:
         ValueError: for an unknown name or a wrong value. The message contains the allowed values.
@@ -69,7 +70,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
 
 
 def hyperparameters_text(environment: str) -> str:
-    """The text of a TOML file with all hyperparameters of an environment and their descriptions."""
+    """Returns the text of a TOML file with all hyperparameters of an environment and their descriptions."""
     values = hyperparameters_of(environment)
     lines = [
         f"# Hyperparameters of {environment}. `avrgym train --config FILE` needs only those that you change."

@@ -1,7 +1,7 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
 ``Hyperparameters`` are for feed-forward policies (imitation, then PPO). A user changes them with ``avrgym train
---config FILE``. ``TASK_CHANGES`` contains the values of single tasks, ``PAPER`` the values of ``--recipe paper``.
+--config FILE``. ``TASK_CHANGES`` contains values for specific tasks, ``PAPER`` the values of ``--recipe paper``.
 ``IMITATION``, ``RECURRENT`` and ``VISUAL`` contain the fixed values of imitation, ``--recipe adaptive`` and ``--recipe
 visual``.
 """
@@ -19,9 +19,9 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class Hyperparameters:
-    """Imitation of the task's expert, then PPO, of a feed-forward policy.
+    """Hyperparameters of a feed-forward policy: imitation of the task's expert, then PPO.
 
-    Network and PPO are the paper's (section V). The finished policy has the ``log_std`` of its last update.
+    Network and PPO are those of the paper (section V). The finished policy has the ``log_std`` of its last update.
     """
 
     num_envs: Annotated[
@@ -109,7 +109,7 @@ TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
         "learning_rate": 1e-4,
     },
 }
-"""Values that differ from the defaults, by task. Tasks of other packages define theirs in ``Task.hyperparameters``."""
+"""Values that differ from the defaults, by task. Tasks of other packages define them in ``Task.hyperparameters``."""
 
 PAPER = Hyperparameters(
     num_envs=1024,
@@ -124,7 +124,7 @@ PAPER = Hyperparameters(
 )
 """The paper's recipe, the same for every task: PPO alone, with the tasks' own rewards.
 
-The paper contains neither the exploration noise nor the number of episodes per update. ``log_std`` is feeding's.
+The paper reports neither the exploration noise nor the number of episodes per update. ``log_std`` is that of feeding.
 """
 PAPER_STEPS = 10_000_000
 """Environment steps of each training in the paper (section VI)."""
@@ -134,42 +134,41 @@ TRAINING_STEPS = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Imitation:
-    """Imitation by a feed-forward policy: after each round, Adam minimises the squared error of actions over all
-    rounds."""
+    """Hyperparameters of imitation by a feed-forward policy. After each round, Adam minimises the squared error of
+    actions over the demonstrations of all rounds."""
 
     expert_share: float = 0.8
-    """The expert drives all worlds in the first round. In each later round its number of worlds is multiplied by this
-    share."""
+    """Factor of the share of worlds that the expert drives, per round. In the first round the expert drives all
+    worlds."""
     batch_size: int = 1024
     n_epochs: int = 10
     last_n_epochs: int = 100
-    """Number of epochs over all rounds after a round, and after the last round."""
+    """``n_epochs``: epochs of the fit after each round. ``last_n_epochs``: after the last round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
-    """Factor of the learning rate at the end of a round, and of the last round."""
+    """Final learning rate of a fit, relative to ``learning_rate``: after each round, and after the last round."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recurrent:
-    """Imitation, then PPO, of a recurrent policy (``--recipe adaptive``).
+    """Hyperparameters of a recurrent policy (``--recipe adaptive``): imitation, then PPO.
 
-    A window is the horizon of truncated backpropagation through time. PPO's learning rate after imitation is low: with
-    a higher rate the policy loses the imitated behaviour.
+    PPO's learning rate after imitation is low: with a higher rate the policy loses the imitated behaviour.
     """
 
     window: int = 50
-    """Control steps of a window of truncated backpropagation through time."""
+    """Horizon of truncated backpropagation through time, in control steps."""
 
     imitation_share: float = 0.25
-    """Default share of updates that imitate."""
+    """Default share of imitation updates in all updates."""
     expert_share: float = 0.7
     """As in ``Imitation``."""
     imitation_sequences: int = 32
     """Episodes in a minibatch of imitation."""
     gradient_steps: int = 40
     last_gradient_steps: int = 1500
-    """Number of gradient steps after a round of imitation, and after the last round."""
+    """Number of gradient steps after each round of imitation, and after the last round."""
     imitation_learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
@@ -179,7 +178,7 @@ class Recurrent:
     learning_rate: float = 3e-5
     learning_rate_without_imitation: float = 1e-4
     final_lr_share: float = 0.02
-    """Final share of PPO's learning rate, which decreases linearly."""
+    """Final learning rate of PPO, relative to the initial one. The learning rate decreases linearly."""
     gamma: float = 0.99
     gae_lambda: float = 0.95
     clip_range: float = 0.2
@@ -203,27 +202,27 @@ class Recurrent:
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     rewarded_force_n: float = 1.5
-    """In PPO, force above this limit gives no further reward."""
+    """In PPO, force above this limit (newtons) gives no further reward."""
     overload_weight: float = 5.0
     """Reward penalty in PPO for a force equal to a region's transient limit, see ``rollouts.RolloutRequest``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Visual:
-    """Imitation of a teacher by a policy with vision (``--recipe visual``)."""
+    """Hyperparameters of a policy with vision, which imitates a teacher (``--recipe visual``)."""
 
     episode_steps: int = 32
-    """Control steps of each episode in training. The teacher feeds within 23 in 95 % of episodes."""
+    """Control steps of each episode in training. In 95 % of episodes, the teacher feeds the person within 23 steps."""
     expert_share: float = 0.5
     """As in ``Imitation``."""
     noise_std: float = 0.3
     """Standard deviation of the noise on the teacher's actions."""
     action_weight: float = 2.0
-    """Weight of the squared error of actions, relative to the error of normalised estimates."""
+    """Weight of the squared error of actions in the loss. The error of the normalised estimates has weight 1."""
     batch_size: int = 128
     gradient_steps: int = 500
     last_gradient_steps: int = 4000
-    """Minibatches after a round, and after the last one."""
+    """Number of gradient steps after each round, and after the last round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01

@@ -26,7 +26,7 @@ DEMONSTRATIONS_FOLDER = "shown"
 
 @dataclass(frozen=True)
 class Demonstration:
-    """Observations (S, O) and the expert's actions (S, J) of a round, or (T, N, ...); single precision."""
+    """Observations (S, O) and the expert's actions (S, J) of a round, or both as (T, N, ...); single precision."""
 
     observations: Float32Array
     actions: Float32Array
@@ -36,7 +36,7 @@ D = TypeVar("D", bound=Demonstration)
 
 
 class Demonstrations(Generic[D]):
-    """The demonstrations of all rounds, with a file for each round."""
+    """The demonstrations of all rounds. Each round has its own file."""
 
     def __init__(self, out: Path, kind: type[D]) -> None:
         self.rounds: list[D] = []
@@ -49,7 +49,7 @@ class Demonstrations(Generic[D]):
         self.rounds.append(demonstration)
 
     def read(self, rounds: int) -> None:
-        """Read the first rounds.
+        """Read the files of the first ``rounds`` rounds.
 
         Raises:
             ValueError: if a file is missing or damaged.
@@ -57,7 +57,7 @@ class Demonstrations(Generic[D]):
         self.rounds = [self._read(self._file(number)) for number in range(rounds)]
 
     def joined(self, name: str, axis: int = 0) -> Float32Array:
-        """Concatenate an array of all rounds along an axis."""
+        """Returns the array ``name`` of all rounds, concatenated along an axis."""
         return np.concatenate([getattr(each, name) for each in self.rounds], axis=axis)
 
     def _read(self, file: Path) -> D:

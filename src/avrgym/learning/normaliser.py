@@ -1,4 +1,4 @@
-"""Running mean and variance that scale observations and rewards; each update of a training updates them once."""
+"""Running mean and variance that scale observations and rewards. Each training update changes them once."""
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -19,7 +19,7 @@ OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
 
 
 class ObservationScales(Protocol):
-    """The size O of an observation and its fixed scales (O,), NaN for values without a fixed scale."""
+    """The size O of an observation and its fixed scales (O,). The scale is NaN for values without a fixed scale."""
 
     @property
     def size(self) -> int: ...
@@ -29,13 +29,14 @@ class ObservationScales(Protocol):
 
 
 def observation_of(environment: str) -> Observation:
-    """Size and fixed scales of the observation in an environment."""
+    """Returns the size and the fixed scales of the observation in an environment."""
     task, scene = task_and_scene(environment)
     return task.observation(scene)
 
 
 class ObservationMoments(RunningMeanStd):
-    """Running mean and variance of observations. Values with a fixed scale have mean 0 and this scale instead."""
+    """Running mean and variance of observations. For values with a fixed scale, the mean is 0 and the standard
+    deviation is this scale."""
 
     def __init__(self, observation: ObservationScales) -> None:
         super().__init__(shape=(observation.size,))
@@ -61,19 +62,20 @@ class Normaliser:
         self._gamma = gamma
 
     def normalize_obs(self, obs: Any) -> Any:
-        """Normalise observations (…, O): standard deviations from the mean, single precision."""
+        """Returns observations (…, O) in standard deviations from the mean, clipped, single precision."""
         xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
         scaled = (obs - moved_to(self.obs_rms.mean, obs)) / moved_to(deviation, obs)
         return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def update_observations(self, rollout: Rollout) -> None:
-        """Update the moments of observations."""
+        """Update mean and variance of observations with those of a rollout."""
         observations, xp = rollout.observations, namespace(rollout.observations)
         _update(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
 
     def normalize_rewards(self, rollout: Rollout) -> Any:
-        """Update the moments of discounted returns, and divide rewards (T, n) by their standard deviation."""
+        """Update the moments of discounted returns. Returns the rewards (T, n), divided by the returns' standard
+        deviation and clipped."""
         rewards, xp = rollout.rewards, namespace(rollout.rewards)
         discounted = xp.zeros(rewards.shape[1], dtype=xp.float64, device=rewards.device)
         returns: list[Any] = []
@@ -85,7 +87,7 @@ class Normaliser:
         return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
 
     def state(self) -> dict[str, Any]:
-        """The moments, for a checkpoint."""
+        """Returns the moments, for a checkpoint."""
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -97,7 +99,7 @@ class Normaliser:
 
 
 def _update(moments: RunningMeanStd, samples: Any) -> None:
-    """Update moments from samples (S, …). From a device, only the moments of the samples are copied to the host."""
+    """Update moments with samples (S, …). If the samples are on a device, only their moments are copied to the host."""
     xp = namespace(samples)
     mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
     moments.update_from_moments(mean, variance, len(samples))

@@ -1,4 +1,4 @@
-"""PPO of feed-forward policies with Stable-Baselines3, from whole episodes of ``rollouts``."""
+"""PPO of feed-forward policies with Stable-Baselines3. The data are whole episodes of ``rollouts``."""
 
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,7 +21,7 @@ from avrgym.networks.policy import Policy, PolicyMetadata
 
 LOG_FOLDER = "tensorboard"
 PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
-"""Function that improves a model from whole episodes, which the time limit ends.
+"""Function that improves a model with whole episodes. Only the time limit ends an episode.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, J) and scaled rewards (T, N).
 """
@@ -83,7 +83,7 @@ def make_ppo(
 
 
 def steps_of(model: PPO) -> int:
-    """Number of environment steps for which a model was trained."""
+    """Returns the number of environment steps for which a model was trained."""
     return cast(int, model.num_timesteps)
 
 
@@ -94,14 +94,15 @@ def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
 
 
 def freeze_actor(model: PPO, configuration: FeedforwardConfiguration) -> None:
-    """Let only the critic learn for the first updates after imitation."""
+    """Freeze the actor in the first updates after imitation, in which only the critic learns. Unfreeze it
+    afterwards."""
     learns = configuration.actor_learns_at(steps_of(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
 
 def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> None:
-    """Improve an agent with the episodes of an update, in a training of ``last`` steps."""
+    """Improve an agent with the episodes of an update. The training has ``last`` steps in total."""
     model, normaliser = agent
     rewards = normaliser.normalize_rewards(rollout)
     observations = normaliser.normalize_obs(rollout.observations)
@@ -139,7 +140,7 @@ def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards
 
 
 def agent_state(agent: Agent) -> dict[str, Any]:
-    """Returns an agent's part of a checkpoint."""
+    """Returns the state of an agent, for a checkpoint."""
     model, normaliser = agent
     return {
         "steps": model.num_timesteps,
@@ -151,7 +152,7 @@ def agent_state(agent: Agent) -> dict[str, Any]:
 
 
 def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
-    """Restore an agent from its part of a checkpoint."""
+    """Restore an agent from ``agent_state``."""
     model, normaliser = agent
     model.policy.load_state_dict(state["policy"])
     model.policy.optimizer.load_state_dict(state["optimizer"])

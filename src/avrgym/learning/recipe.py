@@ -1,4 +1,4 @@
-"""The interface of a recipe for the trainer. A recipe runs the episodes of an update and learns from them."""
+"""The interface of recipes, which ``training`` uses. A recipe runs the episodes of an update and learns from them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -11,9 +11,9 @@ CurvePoint = tuple[int, float, float]
 
 @dataclass(frozen=True)
 class Update:
-    """Results of an update: its stage, and mean reward and success rate of the policy's latest episodes.
+    """Results of an update: the stage of the training, mean reward and success rate of the policy's latest episodes.
 
-    Both are None if the policy has had no episodes.
+    Mean reward and success rate are None if the policy has not driven an episode yet.
     """
 
     stage: str
@@ -22,8 +22,8 @@ class Update:
 
 
 class Recipe(Protocol):
-    """A training method. ``training`` calls ``update`` until all steps are completed, and saves the state after
-    each."""
+    """A training method. ``training`` calls ``update`` until all steps are completed. It saves the state after each
+    update."""
 
     @property
     def steps(self) -> int:
@@ -40,11 +40,11 @@ class Recipe(Protocol):
         ...
 
     def policies(self, metadata: PolicyMetadata) -> list[Policy]:
-        """The present policy of the robot, and of the human if one is trained."""
+        """Returns the current policy of the robot, and that of the human if a human is trained."""
         ...
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The whole state on which the next update depends: tensors, and plain values."""
+        """Returns the state on which the next update depends: a dictionary of tensors, and one of plain values."""
         ...
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 
 
 class RecurrentNetwork(nn.Module):
-    """A gated recurrent unit, then tanh layers over observation and memory."""
+    """A gated recurrent unit, then tanh layers. The input of the first layer is the observation and the memory."""
 
     def __init__(
         self, observation_size: int, memory_size: int, net_arch: tuple[int, ...], outputs: int
@@ -47,7 +47,8 @@ class RecurrentNetwork(nn.Module):
         return network
 
     def forward(self, observations: Tensor, memory: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Outputs (T, n, A) for normalised observations (T, n, O), and the memory (1, n, U) at the end."""
+        """Returns outputs (T, n, A) for normalised observations (T, n, O), and the memory (1, n, U) after the last
+        step."""
         remembered, last = self.memory(observations, memory)
         rows = torch.cat([observations, remembered], dim=-1)
         for layer in self.layers[:-1]:
@@ -76,7 +77,7 @@ class RecurrentNetwork(nn.Module):
 
 
 def windows(episode_steps: int) -> Iterator[slice]:
-    """The windows (slices) of an episode of so many steps, for truncated backpropagation through time."""
+    """Returns the windows (slices) of an episode for truncated backpropagation through time."""
     steps = RECURRENT.window
     return (slice(first, min(first + steps, episode_steps)) for first in range(0, episode_steps, steps))
 
@@ -89,9 +90,9 @@ def fit(
     targets: Sequence[Tensor],
     max_grad_norm: float,
 ) -> None:
-    """Reduce the loss of the outputs for whole episodes (T, n, O), with one gradient step per window.
+    """Fit a network to whole episodes with ``observations`` (T, n, O): one gradient step per window.
 
-    The arguments of ``loss`` are a window's outputs (t, n, A) and the same window of each of the targets (T, n, ...).
+    The arguments of ``loss`` are the outputs of a window (t, n, A) and the same window of each target (T, n, ...).
     """
     memory = None
     for window in windows(len(targets[0])):
@@ -103,7 +104,7 @@ def fit(
 def gradient_step(
     optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, max_grad_norm: float
 ) -> None:
-    """One step of the optimizer. The norm of the gradient is clipped to ``max_grad_norm``."""
+    """Make one step of the optimizer. The norm of the gradient is clipped to ``max_grad_norm``."""
     optimizer.zero_grad()
     loss.backward()
     nn.utils.clip_grad_norm_(network.parameters(), max_grad_norm)

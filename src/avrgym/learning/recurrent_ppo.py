@@ -1,7 +1,7 @@
 """Proximal policy optimisation of a recurrent policy with a recurrent critic.
 
-Schulman et al., "Proximal policy optimization algorithms", 2017, equation 7; advantages by Schulman et al., ICLR 2016,
-equation 16; truncated backpropagation through time by Williams and Peng, Neural Computation 2, 1990.
+Loss: Schulman et al., "Proximal policy optimization algorithms", 2017, equation 7. Advantages: Schulman et al., ICLR
+2016, equation 16. Truncated backpropagation through time: Williams and Peng, Neural Computation 2, 1990.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -19,7 +19,8 @@ from avrgym.learning.recurrent_network import RecurrentNetwork, fit, gradient_st
 
 
 class RecurrentPPO:
-    """Improves a recurrent network with its own whole episodes. The hyperparameters are ``RECURRENT``."""
+    """Improves a recurrent network with whole episodes that the network drove. The hyperparameters are
+    ``RECURRENT``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
         """Draw the critic's weights from PyTorch's random stream."""
@@ -59,12 +60,12 @@ class RecurrentPPO:
         """Learn from the episodes of an update.
 
         Args:
-            observations: normalised, (T + 1, N, O); the last one follows the last step.
+            observations: normalised, (T + 1, N, O). The last observation is the one after the last step.
             actions: with exploration noise, before clipping, (T, N, A).
             rewards: scaled, (T, N).
             action_std: standard deviation of the actions.
             random: random stream of the minibatches.
-            learning_rate: learning rate of the policy; with 0 only the critic learns.
+            learning_rate: learning rate of the policy. If it is 0, only the critic learns.
         """
         for group in self._optimizer.param_groups:
             group["lr"] = learning_rate
@@ -128,9 +129,9 @@ def advantages(
     gamma: float = RECURRENT.gamma,
     gae_lambda: float = RECURRENT.gae_lambda,
 ) -> Tensor:
-    """Generalised advantage estimates (T, N) of truncated episodes.
+    """Returns generalised advantage estimates (T, N) of truncated episodes.
 
-    ``rewards`` are (T, N), ``values`` (T + 1, N). The last value estimates the return after the last step.
+    ``rewards`` has shape (T, N), ``values`` (T + 1, N). The last value estimates the return after the last step.
     """
     errors = rewards + gamma * values[1:] - values[:-1]
     estimates = torch.empty_like(errors)
@@ -142,5 +143,5 @@ def advantages(
 
 
 def _log_prob(means: Tensor, actions: Tensor, action_std: float) -> Tensor:
-    """Log-probability of the actions, up to a constant, (T, N)."""
+    """Returns the log-probability (T, N) of the actions, without its constant term."""
     return -0.5 * (((actions - means) / action_std) ** 2).sum(dim=-1)

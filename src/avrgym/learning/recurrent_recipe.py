@@ -1,12 +1,13 @@
 """Recipe of recurrent policies (``--recipe adaptive``): imitation, then PPO, the same for every environment.
 
-The imitated expert uses the whole state of the person, without tremor. The policy gets only observations, and its
-memory must infer the rest (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset aggregation with the
-error of the tool's motion as loss, see ``tool_loss``. PPO follows, with the task's reward and penalties for force.
+The imitated expert uses the whole state of the person, without tremor. The policy receives only observations; it must
+infer the rest of the state with its memory (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset
+aggregation; the loss is the error of the tool's motion, see ``tool_loss``. Then PPO maximises the task's reward minus
+penalties for force.
 
-The partners are the population ``zoo/train`` with every impairment, and Revised people without motion. Imitation uses
-one group in each update, PPO all groups in each update. A policy may replace the expert as teacher, or be trained
-further.
+There is a group of partners for each impairment (by default people of ``zoo/train``), and a group of people of
+``revised`` without motion. Each imitation update uses one group, each PPO update all groups. A trained policy may
+replace the expert as teacher. A trained recurrent policy may be the initial policy.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -47,13 +48,13 @@ TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 
 @dataclass(frozen=True)
 class ArmDemonstration(Demonstration):
-    """A demonstration (T, N, ...) with the angles of the arm's joints, (T, N, J)."""
+    """A demonstration (T, N, ...) that also contains the angles of the arm's joints, (T, N, J)."""
 
     joint_positions: Float32Array
 
 
 def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
-    """Load the configured teacher and initial policy, by the name of their copy in the training's folder.
+    """Returns the configured teacher and initial policy, by the file names of their copies in the training's folder.
 
     Raises:
         ValueError: for an unknown or unsuitable policy. The message contains the allowed values.
@@ -247,7 +248,7 @@ class RecurrentRecipe:
         return self._network.policy(self._normaliser, metadata, action_std)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Reduce the tool's motion error over all demonstrations. The last round has more gradient steps."""
+        """Fit the network to all demonstrations with ``tool_loss``. The last round has more gradient steps."""
         observed, actions, joint_positions = (
             self._demonstrations.joined(name, axis=1)
             for name in ("observations", "actions", "joint_positions")
@@ -277,7 +278,7 @@ class RecurrentRecipe:
 
 
 def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> Update:
-    """Mean reward and success rate of the episodes that the policy drove."""
+    """Returns mean reward and success rate of the episodes ``own``, which the policy drove."""
     episodes = rollout.episodes(own)
     if not episodes:
         return Update(stage, None, None)

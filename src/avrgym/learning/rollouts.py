@@ -1,6 +1,6 @@
-"""Rollouts: whole episodes for training. Policy and request determine a rollout, in any process.
+"""Rollouts: whole episodes for training. A rollout depends only on policy and request, not on the process.
 
-Several processes can therefore share the worlds of an update, and a lost part can be repeated. On an engine with a
+Several processes can therefore share the worlds of an update, and a lost part can be repeated. If the engine uses a
 device, arrays stay on the device for the whole episode.
 """
 
@@ -32,9 +32,9 @@ from avrgym.tasks.task import Controller
 
 @dataclass(frozen=True)
 class WorldSettings:
-    """Settings of a training's worlds. A process compiles the worlds once.
+    """Settings of a training's worlds. A process compiles these worlds once.
 
-    On an engine with a device, control steps run on the device.
+    If the engine uses a device, whole control steps run on the device.
     """
 
     environment: str
@@ -50,23 +50,23 @@ class WorldSettings:
 
 @dataclass(frozen=True)
 class RolloutRequest:
-    """A request for whole episodes in n of a training's worlds.
+    """A request to run whole episodes in n worlds of a training.
 
     Args:
         settings: settings of the worlds.
-        first_world: number of the first world in the training.
+        first_world: number of the first of these worlds in the training.
         episode_seeds: seeds of the episodes, (n,).
-        noise_seed: seed of the training and number of past environment steps. Together with the world's number they
-            seed the exploration noise. ``None``: no noise.
-        expert_drives: mask (n,) of worlds that an expert drives, see ``_expert_for``. The expert's actions are then
-            recorded in all worlds. Experts compute on the host only.
+        noise_seed: two numbers, usually the training's seed and the number of past environment steps. They seed the
+            exploration noise, together with the number of the world. ``None``: no noise.
+        expert_drives: mask (n,) of the worlds that an expert drives, see ``_expert_for``. With a mask, the expert's
+            actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
-        rewarded_force_n: force above this limit gives no further reward.
+        rewarded_force_n: force above this limit (newtons) gives no further reward.
         overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
             penalty increases linearly from half the limit. Only on the host.
         detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
-        shared_reward: whether a human gets the robot's reward, see ``Episodes.human_reward``.
+        shared_reward: whether a trained human receives the robot's reward, see ``Episodes.human_reward``.
     """
 
     settings: WorldSettings
@@ -84,13 +84,13 @@ class RolloutRequest:
 
 @dataclass(frozen=True)
 class Rollout:
-    """Whole episodes of n worlds; arrays have the time axis first, T steps, then the world axis.
+    """Whole episodes of T steps in n worlds. The first axis of arrays is time, the second axis is the world.
 
-    ``observations`` (T + 1, n, O) are not normalised; the last one follows the last step. ``actions`` (T, n, J) are the
-    policy's actions before clipping, or the expert's. ``rewards`` (T, n) contain the request's penalties.
-    ``joint_positions`` (T, n, J), before each step, exist only with an expert. If the worlds are on a device, these
-    arrays are tensors. The results per episode (n,) are always on the host: the sum of the task's rewards without
-    penalties, success, and mean force on the person.
+    ``observations`` (T + 1, n, O) are not normalised; the last observation is the one after the last step. ``actions``
+    (T, n, J) are the policy's actions before clipping, or the expert's. ``rewards`` (T, n) contain the request's
+    penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None`` without an expert. If the worlds are
+    on a device, these arrays are tensors. The results per episode (n,) are always on the host: ``episode_return`` (the
+    sum of the task's rewards without penalties), ``success`` and ``episode_force_n`` (the mean force on the person).
     """
 
     observations: Any
@@ -111,7 +111,7 @@ class Rollout:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays."""
+        """Total size of all arrays in bytes."""
         return sum(array.nbytes for array in self._arrays.values())
 
     @property
@@ -120,7 +120,7 @@ class Rollout:
         return {name: array for name, array in arrays.items() if array is not None}
 
     def episodes(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
-        """Return and success of each episode, or of the episodes ``of``."""
+        """Returns the return and the success of each episode, or only of the episodes ``of``."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
 
@@ -130,14 +130,14 @@ def _joined(arrays: list[Any]) -> Any:
 
 
 def roll_out(policy: Policy, request: RolloutRequest) -> Rollout:
-    """Run a request's episodes with a robot's policy; see ``roll_out_all``."""
+    """Run a request's episodes with a robot's policy. Returns the rollout; see ``roll_out_all``."""
     return roll_out_all([policy], request)[0]
 
 
 def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Rollout]:
-    """Run a request's episodes. Returns a rollout from the robot's view, and one from the human's view if a human acts.
+    """Run a request's episodes. Returns a rollout for each policy.
 
-    ``policies`` contains the robot's policy and, if a human acts, the human's.
+    ``policies`` contains the robot's policy and, for a trained human, the human's policy.
 
     Raises:
         RuntimeError, ValueError: for invalid episodes on a device, see ``Episodes.check``.
@@ -190,9 +190,9 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
 
 
 def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
-    """Take a control step. Returns it with the maximum overload (n,) of a body region in its physics steps.
+    """Take a control step. Returns the step and the overload (n,): the maximum over body regions and physics steps.
 
-    The overload is 0 up to half the transient limit and 1 at the limit.
+    The overload of a region is 0 up to half the transient limit, increases linearly, and is 1 at the limit.
     """
     recorder = RegionLoadRecorder(len(action))
     step = worlds.step(action, recorder)
@@ -201,9 +201,10 @@ def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, Flo
 
 
 def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Controller:
-    """The request's teacher, or the task's expert.
+    """Returns the request's teacher, or the task's expert if there is no teacher.
 
-    A recurrent policy imitates the memory-based expert, if there is one, with tremor filtered from its input.
+    A recurrent policy imitates the memory-based expert if the task has one. Tremor is filtered from this expert's
+    input.
     """
     if request.teacher is not None:
         return Actor(request.teacher, len(request.episode_seeds)).mean
@@ -214,10 +215,11 @@ def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Co
 
 
 class _Agent:
-    """One agent in the worlds of a request: its observations, actions and rewards, on the device of the worlds."""
+    """One agent (robot or human) in all worlds of a request: its observations, actions and rewards on the worlds'
+    device."""
 
     def __init__(self, policy: Policy, noise: NoiseStream, request: RolloutRequest, first: Any) -> None:
-        """Start with the first observations, (n, O)."""
+        """Create the agent. ``first`` contains the first observations, (n, O)."""
         self._xp: Any = namespace(first)
         self.observations: list[Any] = []
         self.actions: list[Any] = []
@@ -232,13 +234,13 @@ class _Agent:
         self.observations.append(self._xp.astype(observation, self._xp.float32))
 
     def act(self, number: int) -> Any:
-        """The actions (n, J) in a step, before clipping."""
+        """Returns the actions (n, J) in step ``number``, before clipping."""
         mean = self._actor.mean(self.observations[-1])
         self.actions.append(self._xp.astype(mean + self._noise[number], self._xp.float32))
         return self.actions[-1]
 
     def rollout(self, returns: FloatArray, success: BoolArray, force_n: FloatArray) -> Rollout:
-        """Returns the rollout with the results of its episodes."""
+        """Returns the agent's rollout. The arguments are the results per episode (n,)."""
         xp = self._xp
         rewards = xp.astype(xp.stack(self.rewards), xp.float32)
         return Rollout(
@@ -247,7 +249,7 @@ class _Agent:
 
 
 def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> FloatArray:
-    """Exploration noise (T, n, J), in standard deviations; each world has its own stream."""
+    """Returns standard normal exploration noise (T, n, J). Each world has its own random stream."""
     length = request.settings.episode_steps
     shape = (length, policy.action_size)
     count = len(request.episode_seeds)
@@ -259,7 +261,7 @@ def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> Floa
 
 
 def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: bool) -> FloatArray:
-    """The sum (n,) of the request's penalties in a step."""
+    """Returns the sum (n,) of the request's penalties in a step, without the overload penalty."""
     penalty = request.force_weight_per_n * step.force_on_person_n + _excess_reward(
         request.rewarded_force_n, worlds, step
     )
@@ -270,7 +272,8 @@ def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: boo
 
 
 def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
-    """The reward (n,) for forces above a limit. The names of such reward terms end with the unit ``_n``."""
+    """Returns the reward (n,) for the part of forces above a limit. Reward terms in newtons have names that end with
+    ``_n``."""
     xp = namespace(step.reward)
     excess = xp.zeros_like(step.reward)
     for name, weight in worlds.task.weights.items():
@@ -284,7 +287,8 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
 def worlds_of(
     settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
-    """The worlds of a request. A process caches two sizes, because the parts of an update have at most two sizes.
+    """Returns the worlds of a request. They are cached for two numbers of worlds: parts of an update have at most two
+    sizes.
 
     Raises:
         ValueError: for more worlds than memory allows.

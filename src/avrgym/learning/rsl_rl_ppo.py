@@ -1,8 +1,9 @@
 """PPO on the device of the worlds, with RSL-RL (ETH Zurich and NVIDIA).
 
-Network, optimizer and schedules are Stable-Baselines3's, so initial weights, imitation, checkpoints and policy files
-are the same as on the host. RSL-RL stores episodes and minibatches on the device. Two details differ: the gradients of
-actor and critic are clipped separately, and all minibatches have the same size, close to ``batch_size``.
+Network, optimizer and schedules are those of Stable-Baselines3. Initial weights, imitation, checkpoints and policy
+files are therefore the same as on the host. RSL-RL stores episodes and minibatches on the device. Two details differ
+from training on the host: the gradients of actor and critic are clipped separately, and all minibatches have the same
+size, close to ``batch_size``.
 
 Needs the extra ``gpu``.
 """
@@ -34,7 +35,7 @@ class _Libraries(NamedTuple):
 
 
 def libraries() -> _Libraries:
-    """Import RSL-RL's modules.
+    """Import and return RSL-RL's modules.
 
     Raises:
         RuntimeError: if the extra ``gpu`` is not installed.
@@ -61,7 +62,7 @@ class DevicePPO:
         self._algorithm: Any = None
 
     def __call__(self, model: PPO, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
-        """Improve a model. It is moved to the device of the episodes."""
+        """Improve a model. The first call moves the model to the device of the episodes."""
         if self._algorithm is None:
             _move(model, observations.device)
             self._algorithm = self._algorithm_of(model, observations[0])
@@ -132,7 +133,7 @@ class DevicePPO:
         )
 
     def _store(self, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
-        """Store episodes in the algorithm, with the actions' probabilities and values.
+        """Store episodes in the algorithm, with the critic's values and the actions' log-probabilities.
 
         Episodes are truncated, not terminated: the last step is bootstrapped with the critic's value.
         """

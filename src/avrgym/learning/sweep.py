@@ -1,6 +1,6 @@
 """Sweeps: many trainings on a Ray cluster, scheduled by Ray Tune. Needs the extras ``train`` and ``cluster``.
 
-Each training has its own folder, uses one core, and gives the same weights as ``training.train``.
+Each training has its own folder, uses one core, and results in the same weights as ``training.train``.
 """
 
 # Ray Tune's types are known only in part.
@@ -53,7 +53,7 @@ class Outcome:
 
 
 def create(file: Path, out: Path) -> None:
-    """Create the folder of a new sweep, with a copy of its file.
+    """Create the folder ``out`` of a new sweep, and copy the sweep file into it.
 
     Raises:
         ValueError: for an invalid sweep. The message contains the allowed values.
@@ -67,7 +67,7 @@ def create(file: Path, out: Path) -> None:
 
 
 def plan_of(out: Path) -> dict[str, list[PlannedTraining]]:
-    """Read the trainings of the sweep in a folder, by group.
+    """Returns the trainings of the sweep in a folder, by group.
 
     Raises:
         ValueError: if the folder contains no sweep.
@@ -83,9 +83,10 @@ def _stored(out: Path) -> Sweep:
 
 
 def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
-    """Run, or continue, all trainings of the sweep in ``out`` on the connected cluster.
+    """Run or continue all trainings of the sweep in ``out`` on the connected cluster. Returns the result of each
+    training.
 
-    Trainings of a group run in parallel, on all cores or on ``jobs`` cores. Then the next group follows. The folder
+    Groups run one after another. Trainings of a group run in parallel, on all cores or on ``jobs`` cores. The folder
     must have the same path on every node.
 
     Raises:
@@ -114,7 +115,7 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
 def _run_group(
     out: Path, name: str, group: Sequence[PlannedTraining], stopping: Stopping | None, jobs: int | None
 ) -> list[str]:
-    """Run a group. Returns the errors of failed trainings."""
+    """Run a group of trainings. Returns the error messages of failed trainings."""
     schedule = out / SCHEDULE_FOLDER / name
     trainable = tune.with_resources(_train_one, {"cpu": 1})
     if tune.Tuner.can_restore(str(schedule)):
@@ -177,7 +178,7 @@ def _train_one(given: dict[str, Any]) -> None:
 
 
 def _complete(out: Path) -> PolicyMetadata | None:
-    """The metadata of the policy, if the training is complete."""
+    """Returns the metadata of the policy if the training in ``out`` is complete, otherwise None."""
     path = out / POLICY_FILE
     metadata = Policy.load(path).metadata if path.exists() else None
     return metadata if metadata is not None and metadata.measured else None
@@ -203,7 +204,7 @@ def _outcome(out: Path, each: PlannedTraining) -> Outcome:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Turn off Ray Tune's log files, output and handling of Ctrl+C."""
+    """Context manager: turns off Ray Tune's log files, output and handling of Ctrl+C."""
     variables = {
         "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
         "TUNE_DISABLE_SIGINT_HANDLER": "1",

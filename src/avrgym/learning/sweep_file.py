@@ -21,9 +21,9 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Early stopping of trainings with low rewards: asynchronous successive halving.
 
-    Trainings are compared after ``after_steps``, and each time the number of steps has been multiplied by ``factor``. A
-    training continues only if its mean reward is among the best 1/``factor`` at that point (Li et al., "A System for
-    Massively Parallel Hyperparameter Tuning", MLSys 2020).
+    Trainings are compared after ``after_steps`` steps, then after ``factor`` times as many steps, and so on. In each
+    comparison only the best 1/``factor`` of the trainings, by mean reward, continue (Li et al., "A System for Massively
+    Parallel Hyperparameter Tuning", MLSys 2020).
     """
 
     after_steps: Annotated[int, Meta(ge=1)]
@@ -31,7 +31,8 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The contents of a sweep file. A recipe is a name with the hyperparameters that differ from the task's."""
+    """The contents of a sweep file. ``recipes`` maps each recipe's name to the hyperparameters that differ from the
+    task's."""
 
     environments: Annotated[tuple[str, ...], Meta(min_length=1)]
     steps: Annotated[int, Meta(ge=1)]
@@ -70,7 +71,7 @@ def read_sweep(path: Path) -> Sweep:
 
 
 def planned(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
-    """The trainings of a sweep by group. Trainings of a group have the same environment and people, and are compared.
+    """Returns the trainings of a sweep by group. A group contains the trainings with the same environment and people.
 
     Raises:
         ValueError: for an unknown environment, people, impairment or setting. The message contains the allowed values.

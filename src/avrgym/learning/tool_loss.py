@@ -1,8 +1,8 @@
 """Loss of imitation by recurrent policies: the motion error of the tool.
 
-An action error at the shoulder moves the tool by centimetres, an error at the wrist by millimetres. Errors of several
-joints add up or cancel. Least squares over actions ignore this. Errors are weighted relative to the demonstrated
-motion, because slow motions near the skin need more precision.
+An action error at the shoulder moves the tool by centimetres, the same error at the wrist by millimetres. Errors of
+several joints can add up or cancel. Least squares over actions ignore this. The weight of an error decreases with the
+demonstrated motion, because slow motions near the skin need more precision.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -18,12 +18,12 @@ from avrgym.models.scene import SceneConfig
 from avrgym.tasks.placement import arm_chain
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
-"""Errors of position and rotation in a control step that count as 1; at a lever of 0.1 m they are equal."""
+"""Units of the tool's translation and rotation in a control step. At a lever arm of 0.1 m both are equal."""
 MOTION_SCALE = 0.25
-"""Demonstrated motion (5 mm, or 0.05 rad) that halves the weight of its error. Ten times this motion reduces the weight
-to a hundredth."""
+"""Demonstrated motion, in units, at which the weight of the error is halved (5 mm, or 0.05 rad). At ten times this
+motion the weight is about a hundredth."""
 ACTIONS_WEIGHT = 0.1
-"""Weight of the error of actions, for motions of the elbow that do not move the tool."""
+"""Weight of the squared error of actions. It penalises wrong motions of the elbow that do not move the tool."""
 
 
 class ToolMotion:
@@ -35,10 +35,10 @@ class ToolMotion:
         self._drives = scene.robot.drive is not None
 
     def per_action(self, joint_positions: Float32Array) -> Tensor:
-        """The tool's motion in a control step (..., 6, A) for actions of 1, of arms at joint positions (..., J).
+        """Returns the tool's motion in a control step per action, (..., 6, A), at joint positions (..., J).
 
-        Rows 0–2 are translations along x, y and z of the robot's base in ``UNIT_M``, rows 3–5 rotations in
-        ``UNIT_RAD``.
+        Rows 0–2 are translations in ``UNIT_M``, rows 3–5 rotations in ``UNIT_RAD``, both about or along x, y and z of
+        the frame of the robot's base. Column a is the motion if action a is 1 and all other actions are 0.
         """
         joints = joint_positions.shape[-1]
         positions = joint_positions.reshape(-1, joints).astype(np.float64)
@@ -49,9 +49,9 @@ class ToolMotion:
 
 
 def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tensor:
-    """Mean squared error of the tool's motion and of the actions, relative to the demonstrated motion.
+    """Returns the mean squared error of the tool's motion and of the actions, weighted by ``MOTION_SCALE``.
 
-    Actions are (..., J), ``per_action`` (..., 6, J) is from ``ToolMotion``.
+    ``actions`` and ``demonstrated`` actions are (..., A). ``per_action`` (..., 6, A) is from ``ToolMotion``.
     """
     error = actions - demonstrated
     motion, motion_error = ((per_action @ each[..., None])[..., 0] for each in (demonstrated, error))

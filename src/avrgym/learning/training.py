@@ -70,14 +70,14 @@ STORED_RESULTS = ("episodes", "success_rate", "reward_mean", "reward_std", "forc
 CURVE_POINTS = 100
 """Maximum number of points of the learning curve in a policy file."""
 WORLD_BYTES = 4 << 20
-"""Upper bound of the memory of a world and its part of a rollout: 2.7 MB for the PR2 with 64 spheres of water."""
+"""Assumed memory in bytes of a world and its part of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
 
 
 @dataclass(frozen=True)
 class Progress:
     """Progress of a training: its stage, number of environment steps, and results of the policy's latest episodes.
 
-    Mean reward and success rate are None before the policy has had episodes.
+    Mean reward and success rate are None if the policy has not driven an episode yet.
     """
 
     stage: str
@@ -96,16 +96,17 @@ def train(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Train a policy. Write it, its configuration, its checkpoint and TensorBoard's log into ``out``.
+    """Train a policy, and return it. Write policy, configuration, checkpoint and TensorBoard's log into ``out``.
 
-    With a pairing, ``human.safetensors`` is the human. The policy file contains results on the validation split. If the
-    training is interrupted, the folder contains the latest policy and checkpoint; ``resume`` continues it.
+    With a pairing, ``human.safetensors`` contains the human's policy. The policy file contains results on the
+    validation split. If the training is interrupted, ``out`` contains the latest policy and checkpoint; ``resume``
+    continues the training.
 
     Args:
-        configuration: what to train.
+        configuration: settings of the training.
         out: a folder without a training.
         report: called after every update.
-        cluster: a cluster whose workers run the episodes. Without a cluster, this process runs them. The weights are
+        cluster: a cluster that runs the episodes. Without a cluster, this process runs them. The trained weights are
             the same.
 
     Raises:
@@ -139,19 +140,20 @@ def resume(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Continue the training in ``out`` from its latest checkpoint. The interruption does not change the weights.
+    """Continue the training in ``out`` from its latest checkpoint. Returns the trained policy.
 
-    A training without a checkpoint starts again, with the same seed.
+    The interruption does not change the trained weights. A training without a checkpoint restarts with the same seed.
 
     Args:
         out: the folder of the training.
         report: called after every update.
-        steps: new total number of environment steps; default: that of the configuration. Imitation keeps its length.
-            PPO uses the learning rate and the exploration noise of a training of this length.
+        steps: new total number of environment steps; default: that of the configuration. The number of imitation steps
+            does not change. PPO uses the learning rate and the exploration noise of a training with this total.
         cluster: as for ``train``.
 
     Raises:
-        ValueError: if there is no training, it is complete, another process continues it, or its files are damaged.
+        ValueError: if ``out`` contains no training, if the training is complete, if another process runs it, or if its
+            files are damaged.
     """
     configuration = stored = stored_configuration(out)
     _check(configuration, stored_people(configuration.people, out), cluster)
@@ -174,7 +176,7 @@ def _check_unused(out: Path) -> None:
 
 
 def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
-    """The configuration with another total number of steps."""
+    """Returns the configuration with another total number of steps."""
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
@@ -221,7 +223,7 @@ def _recipe(configuration: AnyConfiguration, out: Path, cluster: "Cluster | None
 
 
 class _Trainer:
-    """A training between two updates."""
+    """The state of a training in this process, with the checkpoints in its folder."""
 
     def __init__(
         self, configuration: AnyConfiguration, out: Path, report: Report, cluster: "Cluster | None"
@@ -257,7 +259,7 @@ class _Trainer:
             )
 
     def run(self) -> Policy:
-        """Run the remaining updates, and evaluate the finished policy."""
+        """Run the remaining updates, and evaluate the finished policy. Returns this policy."""
         recipe, configuration = self._recipe, self._configuration
         while recipe.steps < configuration.steps:
             update = recipe.update()
@@ -278,7 +280,7 @@ class _Trainer:
         return bool(Policy.load(self._out / POLICY_FILE).metadata.measured)
 
     def _save(self) -> None:
-        """Write the checkpoint and the present policies."""
+        """Write the checkpoint and the current policies."""
         tensors, values = self._recipe.state()
         notes = {**values, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
@@ -310,7 +312,8 @@ class _Trainer:
             policy.save(self._out / name, overwrite=True)
 
     def _evaluate(self) -> Policy:
-        """Evaluate the policy with each candidate of action_std, and write the best one with its results."""
+        """Evaluate the policy with each candidate of action_std. Write and return the policy with the highest success
+        rate."""
         robot, *humans = self._policies()
         evaluated: list[Policy] = []
         stds = self._recipe.final_action_stds
@@ -326,7 +329,8 @@ class _Trainer:
         return best
 
     def _results(self) -> dict[str, Any]:
-        """Results of the saved policy with the training population, or with the human that was trained with it."""
+        """Evaluate the saved policy with the training population, or with the human that was trained together with it.
+        Returns the results that the policy file stores."""
         configuration, out = self._configuration, self._out
         people, impairment = stored_people(configuration.people, out), "none"
         if isinstance(configuration, FeedforwardConfiguration):
@@ -355,19 +359,19 @@ class _Trainer:
 
 
 def with_metadata(policy: Policy, **changes: Any) -> Policy:
-    """The same policy with other metadata."""
+    """Returns the policy with changed metadata."""
     return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 
 def downsampled(curve: list[CurvePoint]) -> list[CurvePoint]:
-    """Reduce a curve to at most ``CURVE_POINTS`` points, including the last one."""
+    """Returns at most ``CURVE_POINTS`` points of a curve, including the last point."""
     stride = -(-len(curve) // CURVE_POINTS) or 1
     return curve[::-stride][::-1]
 
 
 @cache
 def _git_commit() -> str:
-    """The Git commit of this code; empty if it is unknown."""
+    """Returns the Git commit of this code, or an empty text if it is unknown."""
     found = subprocess.run(
         ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
     )

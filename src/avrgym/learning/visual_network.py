@@ -13,16 +13,16 @@ from avrgym.networks.policy import Policy
 from avrgym.networks.vision import Vision
 
 CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
-"""Outputs, sizes and strides of the convolutions."""
+"""Number of output channels, kernel size and stride of each convolution."""
 SEEN, JOINED = 64, 96
-"""Units of the first dense layer (image only) and of the second (with the measured entries)."""
+"""Units of the first dense layer (input: the image's features) and of the second (also the measured entries)."""
 
 
 class VisualNetwork(nn.Module):
-    """Estimates normalised entries of the observation, and computes a teacher's actions from them."""
+    """Estimates entries of the normalised observation, and computes a teacher's actions from the estimates."""
 
     def __init__(self, teacher: Policy, estimated: list[int], image_shape: tuple[int, int, int]) -> None:
-        """Random weights for images (H, W, C); ``estimated`` are the entries' indices."""
+        """Create random weights for images (H, W, C). ``estimated`` contains the indices of the estimated entries."""
         super().__init__()
         height, width, channels = image_shape
         convolutions: list[nn.Module] = []
@@ -45,7 +45,7 @@ class VisualNetwork(nn.Module):
         self._teacher = [tuple(torch.tensor(each, dtype=torch.float32) for each in layer) for layer in layers]
 
     def forward(self, image: Tensor, rows: Tensor) -> Tensor:
-        """Estimates (N, E) from images (N, C, H, W) and normalised observations (N, O)."""
+        """Returns estimates (N, E) for images (N, C, H, W) and normalised observations (N, O)."""
         for convolution in self.convolutions:
             image = relu(convolution(image))
         seen = relu(self.dense[0](image.permute(0, 2, 3, 1).flatten(1)))
@@ -53,7 +53,8 @@ class VisualNetwork(nn.Module):
         return self.dense[2](relu(self.dense[1](joined)))
 
     def actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
-        """The teacher's mean actions (N, J), given estimates instead of the entries that are not measured."""
+        """Returns the teacher's mean actions (N, J). In its input ``rows`` (N, O), the estimates replace the estimated
+        entries."""
         filled = rows.clone()
         filled[:, self._estimated] = estimates.clamp(-self._clip, self._clip)
         for weight, bias in self._teacher[:-1]:
@@ -62,7 +63,7 @@ class VisualNetwork(nn.Module):
         return filled @ weight + bias
 
     def vision(self) -> Vision:
-        """The network in NumPy."""
+        """Returns the network in NumPy."""
         return Vision(
             kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),
             kernel_biases=tuple(_array(each.bias) for each in self.convolutions),

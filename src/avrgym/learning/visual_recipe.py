@@ -1,9 +1,10 @@
 """Recipe of policies with vision (``--recipe visual``): imitation of a trained policy that observes the whole state.
 
-The policy measures its arm's angles and the tool's pose, which follows from them. It estimates all other entries of the
-observation from the image of a camera, and acts on the estimates as the teacher acts on the true values ("learning by
-cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on, the policy controls
-an increasing share of the worlds. The loss contains the error of the estimates and that of the teacher's actions.
+The policy receives the measured angles of the arm, and the tool's pose, which follows from these angles. It estimates
+all other entries of the observation from a camera image. The teacher's layers then compute the actions from the
+estimates ("learning by cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on,
+the policy controls an increasing share of the worlds. The loss contains the error of the estimates and the error of the
+actions.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -47,7 +48,7 @@ class VisualDemonstration(Demonstration):
 
 
 def given_teacher(configuration: VisualConfiguration) -> Policy:
-    """The teacher.
+    """Returns the teacher.
 
     Raises:
         ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
@@ -62,7 +63,7 @@ def given_teacher(configuration: VisualConfiguration) -> Policy:
 
 
 def camera_of(configuration: VisualConfiguration) -> CameraSpec:
-    """The camera of a training; ``ValueError`` for one that the robot does not have, or with a segmentation."""
+    """Returns the camera of a training. Raises ``ValueError`` if the robot lacks it, or if it has a segmentation."""
     _, scene = task_and_scene(configuration.environment, configuration.settings)
     (camera,) = as_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
@@ -129,7 +130,8 @@ class VisualRecipe:
     def _roll_out(
         self, number: int, random: np.random.Generator, teacher_drives: NumpyArray
     ) -> tuple[FloatArray, NumpyArray]:
-        """Run the first steps of an episode in each world; returns rewards and success (N,)."""
+        """Run the first steps of an episode in each world, and store the demonstrations. Returns the sum of rewards and
+        the success of each world, (N,)."""
         worlds, count = self._episodes(), self._configuration.num_envs
         seeds = random_streams.episode_seeds(self._configuration.seed, number).integers(2**31, size=count)
         observation = worlds.reset(
@@ -172,7 +174,7 @@ class VisualRecipe:
         return self._worlds
 
     def _image(self, worlds: Episodes) -> NumpyArray:
-        """Input of the network (N, H, W, C) in half precision."""
+        """Render the worlds. Returns the input of the network (N, H, W, C) in half precision."""
         (camera,) = self._cameras
         images = worlds.images(self._cameras)
         return network_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(

@@ -9,8 +9,8 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
 MAX_PRODUCTS = 65536
-"""Maximum number of products that are stored before they are summed: half a megabyte, which fits the processor's
-cache."""
+"""Maximum number of products that are stored before they are summed. They need half a megabyte, which fits into the
+processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,12 @@ class Memory:
 
     @property
     def units(self) -> int:
-        """The number of units, U."""
+        """Number of units, U."""
         return self.hidden_weight.shape[0]
 
     def after(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
-        """The hidden state (N, U) after inputs (N, inputs), given the previous state; values are within -1 to 1."""
+        """Returns the next hidden state (N, U) for inputs ``rows`` (N, inputs) and the previous state ``memory`` (N,
+        U). Values are in [-1, 1]."""
         inputs = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
         hidden = np.split(product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
         reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))
@@ -50,7 +51,8 @@ class Memory:
 
 
 def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """The matrix product of (N, inputs) and (inputs, outputs). In contrast to BLAS, sums have a fixed order."""
+    """Returns the matrix product (N, outputs) of (N, inputs) and (inputs, outputs). Unlike in BLAS, sums have a fixed
+    order."""
     outputs = np.empty((len(rows), weight.shape[1]))
     batch = max(1, MAX_PRODUCTS // weight.size)
     for first in range(0, len(rows), batch):
@@ -60,7 +62,7 @@ def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def frozen(array: Any) -> FloatArray:
-    """A read-only copy."""
+    """Returns a read-only float64 copy."""
     copy = np.array(array, np.float64, order="C")
     copy.setflags(write=False)
     return copy

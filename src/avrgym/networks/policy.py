@@ -1,8 +1,8 @@
-"""Networks in NumPy, one file each: policies of robots, and trained humans.
+"""Policies in NumPy, and their files: policies of robots and of trained humans.
 
-A network consists of an observation normaliser, an optional memory, tanh layers, and the standard deviation of actions.
-Its file is a safetensors file: numbers and a text header, never code. The header describes the training and states
-whether the network controls a human.
+A policy consists of an observation normaliser, optional vision or memory, tanh layers, and the standard deviation of
+actions. Its file is a safetensors file: numbers and a text header, never code. The header describes the training, and
+whether the policy controls a human.
 """
 
 import os
@@ -24,7 +24,7 @@ from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
 FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION = 2, 3, 4
-"""Versions of files of policies without and with a memory, and of feed-forward policies with vision."""
+"""Versions of the file format: for feed-forward policies, recurrent policies, and policies with vision."""
 FILE_SUFFIX = ".safetensors"
 
 _HEADER = "avrgym_policy"
@@ -41,7 +41,7 @@ _DTYPES = ("F32", "F64")
 
 
 class PolicyError(ValueError):
-    """A policy cannot be loaded, saved or used. The message contains the error and the allowed values."""
+    """Raised if a policy cannot be loaded, saved or used. The message contains the error and the allowed values."""
 
 
 class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -56,14 +56,14 @@ class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Metadata of a training and its results.
+    """Metadata of a policy: its training and its results.
 
-    ``steps`` are environment steps, ``seconds`` the duration of the training. ``measured`` contains results such as
-    ``success_rate``. ``curve`` has points of environment steps, mean reward and success rate of the latest episodes.
-    ``human`` is set for a trained human. ``plugins`` are the versions of task and robot if they come from other
-    packages; old files do not contain them. ``force_guard``: whether the force guard was on during the training.
-    ``settings`` are the changed ones of ``tasks.settings.Settings``. ``camera``: the camera of a policy with vision,
-    such as ``wrist:64x64:depth``.
+    ``steps`` is the number of environment steps, ``seconds`` the duration of the training. ``measured`` contains
+    results such as ``success_rate``. Each point of ``curve`` contains the number of environment steps, and mean reward
+    and success rate of the latest episodes. ``human`` is set for a trained human. ``plugins`` contains the versions of
+    task and robot if they are in other packages; old files do not contain it. ``force_guard`` is true if the force
+    guard was on in training. ``settings`` contains the fields of ``tasks.settings.Settings`` that differ from the
+    defaults. ``camera`` is the camera of a policy with vision, such as ``wrist:64x64:depth``.
     """
 
     environment: str
@@ -84,7 +84,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A policy: observation normaliser, optional memory, tanh layers, and normally distributed noise on the output.
+    """A policy: observation normaliser, optional vision or memory, tanh layers, and normally distributed action noise.
 
     A policy that was trained with noise may need it: without noise it can get stuck. All arrays are stored as read-only
     float64.
@@ -138,21 +138,22 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all numbers, without metadata, in hexadecimal."""
+        """SHA-256 hash of all numbers, without metadata, in hexadecimal."""
         digest = sha256()
         for name, array in _tensors(self).items():
             digest.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())
         return digest.hexdigest()
 
     def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), with noise from the generators.
+        """Returns actions (N, action) for observations (N, observation), with noise from the generators: float32 in
+        [-1, 1].
 
-        The bits of a row do not depend on batch size or other rows. Only for policies without memory.
+        A row's result does not depend on the other rows, bit for bit. Only for policies without memory and vision.
         """
         return self.with_noise(self.mean(observations), generators)
 
     def mean(self, observations: np.ndarray) -> np.ndarray:
-        """Mean actions (N, action) before clipping; only for policies without memory."""
+        """Returns mean actions (N, action) before clipping. Only for policies without memory and vision."""
         if self.memory is not None:
             raise PolicyError("this policy is recurrent; use it with `policies.actors.Actor`")
         return self.step(observations, np.zeros((len(observations), 0)))[0]
@@ -160,12 +161,11 @@ class Policy:
     def step(
         self, observations: np.ndarray, memory: np.ndarray, image: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean actions (N, action) for observations (N, observation), and the memory (N, memory) after them.
+        """Returns mean actions (N, action) for observations (N, observation), and the next memory (N, memory).
 
-        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.network_input``.
-
-        At the start of an episode the memory is zero. Sums have a fixed order: neither batch size nor processor changes
-        the bits of a row.
+        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.network_input``. At the start of an episode
+        the memory is zero. Sums have a fixed order: a row's result does not depend on batch size or processor, bit for
+        bit.
         """
         if observations.ndim != 2 or observations.shape[1] != self.observation_size:
             raise PolicyError(
@@ -184,7 +184,7 @@ class Policy:
         return product(rows, self.weights[-1]) + self.biases[-1], memory
 
     def with_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1]: the means with noise from the generators."""
+        """Returns actions (N, action), float32 in [-1, 1]: the means plus noise from the generators."""
         if len(generators) != len(means):
             raise PolicyError(
                 f"{len(generators)} generators for {len(means)} observations; allowed: one for each"
@@ -202,7 +202,8 @@ class Policy:
         return np.clip(rows, -self.observation_clip, self.observation_clip)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the policy file, completely or not at all. An existing file is replaced only with ``overwrite``."""
+        """Write the policy file, completely or not at all. An existing file is replaced only if ``overwrite`` is true;
+        otherwise it raises ``PolicyError``."""
         path = Path(path)
         if path.exists() and not overwrite:
             raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
@@ -219,7 +220,7 @@ class Policy:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Policy":
-        """Read a policy; an invalid file raises ``PolicyError``."""
+        """Read and return a policy. Raises ``PolicyError`` for an invalid file."""
         try:
             with cast(Any, safetensors.safe_open(path, framework="numpy")) as file:
                 return _read(file)
@@ -247,7 +248,8 @@ def _check_numbers(policy: Policy) -> None:
 
 
 def _check_sums(policy: Policy) -> None:
-    """Raise ``PolicyError`` if sums of a layer can overflow. Its inputs are bounded, in later layers by ±1."""
+    """Raise ``PolicyError`` if the sums of a layer can overflow. The inputs of each layer are bounded, from the second
+    layer on by ±1."""
     largest = policy.observation_clip if policy.memory is None else max(policy.observation_clip, 1.0)
     if policy.memory is not None:
         memory = policy.memory
@@ -322,7 +324,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:
-    """The array in single precision, if no value changes."""
+    """Returns the array in single precision if that changes no value, otherwise the array itself."""
     with np.errstate(over="ignore"):
         single = array.astype(np.float32)
     return single if (single == array).all() else array

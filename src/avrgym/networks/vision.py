@@ -1,7 +1,7 @@
 """The vision of a policy: a small convolutional network in NumPy that estimates entries of the observation.
 
-A robot cannot measure these entries, for example the position of the mouth. The inputs are an image and the measured
-entries.
+The robot cannot measure the estimated entries, for example the position of the mouth. The inputs of the network are an
+image and the measured entries.
 """
 
 from collections.abc import Mapping
@@ -14,24 +14,25 @@ from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.networks.layers import frozen, product
 
 MAX_DEPTH_M = 1.2
-"""Depth with the value 1 in the network's input. Larger depths also have the value 1."""
+"""Depth that is scaled to 1 in the network's input. Larger depths are clipped to 1."""
 CONVOLUTIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Vision:
-    """Convolutions with rectified linear units, then three dense layers. The second also takes the measured entries.
+    """Convolutions with rectified linear units, then three dense layers. Inputs of the second dense layer are also the
+    measured entries.
 
     All arrays are stored as read-only float64.
 
     Args:
         kernels: one array (K, K, inputs, outputs) for each convolution.
         kernel_biases: one array (outputs,) for each convolution.
-        strides: strides (3,) of the convolutions, integers.
+        strides: stride of each convolution (3,), integers.
         dense_weights: one array (inputs, outputs) for each dense layer. The inputs of the second are the outputs of the
             first and the measured entries.
         dense_biases: one array (outputs,) for each dense layer.
-        estimated: indices (E,) of the entries of the observation that are estimated.
+        estimated: indices (E,) of the estimated entries of the observation.
     """
 
     kernels: tuple[FloatArray, ...]
@@ -67,7 +68,7 @@ class Vision:
         return filled
 
     def tensors(self) -> dict[str, NumpyArray]:
-        """All arrays by their name in a file."""
+        """Returns all arrays by their names in a policy file."""
         found: dict[str, NumpyArray] = {"vision.strides": self.strides, "vision.estimated": self.estimated}
         for name, arrays in (
             ("kernel", self.kernels),
@@ -142,11 +143,12 @@ VISION_TENSORS = (
         for number in range(CONVOLUTIONS)
     ),
 )
-"""Names of the arrays in a file."""
+"""Names of the arrays in a policy file."""
 
 
 def network_input(images: Mapping[str, NumpyArray]) -> FloatArray:
-    """The input (N, H, W, C) from images of one camera by kind: ``rgb`` (N, H, W, 3) and ``depth`` (N, H, W)."""
+    """Returns the network's input (N, H, W, C) for images of one camera, by kind: ``rgb`` (N, H, W, 3) or ``depth`` (N,
+    H, W)."""
     parts: list[FloatArray] = []
     if "rgb" in images:
         parts.append(images["rgb"].astype(np.float64) / 255.0)
@@ -162,7 +164,7 @@ def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
 
 
 def _convolved(image: FloatArray, kernel: FloatArray, stride: int) -> FloatArray:
-    """The convolution (N, h, w, F) of images (N, H, W, C) with a kernel (K, K, C, F), without padding."""
+    """Returns the convolution (N, h, w, F) of images (N, H, W, C) and a kernel (K, K, C, F), without padding."""
     size, _, channels, outputs = kernel.shape
     windows = np.lib.stride_tricks.sliding_window_view(image, (size, size), axis=(1, 2))
     windows = windows[:, ::stride, ::stride].transpose(0, 1, 2, 4, 5, 3)

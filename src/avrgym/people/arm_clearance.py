@@ -17,7 +17,7 @@ from avrgym.models.robot import Furniture
 
 @dataclass(frozen=True)
 class Boxes:
-    """B boxes, equal for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
+    """B boxes, the same for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
 
     pos_w: FloatArray
     q_w: FloatArray
@@ -43,7 +43,7 @@ _OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
 
 
 def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
-    """Collision boxes of furniture at its default place."""
+    """Returns the collision boxes of furniture at its default position."""
     spec = mujoco.MjSpec()
     for add in furniture:
         add(spec, False)
@@ -56,10 +56,11 @@ def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
 
 
 def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArray, FloatArray]:
-    """Body capsules in the order of ``human.GEOMS``.
+    """Returns the body capsules of N people, in the order of ``human.GEOMS``.
 
     Returns:
-        Axis ends (N, G, 2, 3) in the world frame and radii (N, G) in metres. A sphere has an axis of length zero.
+        Ends of the capsule axes (N, G, 2, 3) in the world frame, and radii (N, G) in metres. The axis of a sphere has
+        length zero.
     """
     xp = namespace(people.torso_height_m)
     layout = human.layout_of(people, posture)
@@ -76,14 +77,15 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
 
 
 def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
-    """Smallest distance (N,) in metres between the right arm and body or furniture; negative where they overlap.
+    """Returns the smallest distance (N,) in metres between the right arm and the body or furniture.
 
-    The value does not decrease further when an axis intersects another axis or a box.
+    The distance is negative if they overlap. It does not decrease further once an axis intersects another axis or a
+    box.
 
     Args:
         segments_w: capsule axes (N, G, 2, 3), in the order of ``human.GEOMS``.
         radii_m: capsule radii (N, G).
-        furniture: further obstacles.
+        furniture: further obstacles, or None.
     """
     xp, first, second = (
         namespace(segments_w),

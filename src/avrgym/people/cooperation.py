@@ -1,8 +1,8 @@
 """Behaviour model of people who cooperate with the robot, like the study's participants (paper, section V).
 
-They see the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean towards it
-when it is near. In scratching and bathing they lift the arm towards it. All sway a little. The values are assumptions
-about unhurried adults: reaction 0.2 to 0.4 s, slow turns, sway below 0.5 Hz.
+These people perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean
+towards a near tool. In scratching and bathing they lift the arm towards a near tool. In every task they sway a little.
+The values are assumptions about unhurried adults: reaction 0.2 to 0.4 s, slow turns, sway below 0.5 Hz.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ OfferedPart = Literal["mouth", "arm", "nothing"]
 
 
 class PersonObservation(Protocol):
-    """Observation of N people, a part of ``simulation.worlds.State``; world frame, metres."""
+    """What N people observe, a part of ``simulation.worlds.State``. Positions are in the world frame, in metres."""
 
     @property
     def tool_pos_w(self) -> FloatArray:
@@ -46,7 +46,7 @@ class PersonObservation(Protocol):
 
 
 NUM_UNIFORMS = 6
-"""Uniform numbers for the behaviour parameters of one person."""
+"""Number of uniform random numbers for the behaviour parameters of one person."""
 
 REMEMBERED_STEPS = 5
 REACTION_STEPS = (2, 4)
@@ -66,7 +66,7 @@ OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "arm": tuple(name for name in JOINTS if name.startswith("right_")),
     "nothing": (),
 }
-"""Joints that move the offered body part to the tool."""
+"""Joints that move the offered body part towards the tool."""
 
 _WAIST_X, _WAIST_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["waist_y"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
@@ -81,9 +81,9 @@ class CooperationState:
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         targets_rad: joint targets without sway (N, 20).
         rest_rad: initial joint angles (N, 20).
-        time_s: time since the start (N,).
+        time_s: time since the start of the episode (N,).
         reaction_steps: reaction delay in control steps (N,).
-        facing_share: share of the turn to the tool (N,).
+        facing_share: share (N,) of the turn that would face the tool completely.
         sway_rad: sway amplitude (N,).
         sway_hz: sway frequency (N,).
         phase_rad: sway phases (N, 2).
@@ -101,7 +101,7 @@ class CooperationState:
 
 
 def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
-    """Initial state, with behaviour parameters from uniform numbers (n, ``NUM_UNIFORMS``)."""
+    """Returns the initial state. Behaviour parameters are sampled from uniform numbers (n, ``NUM_UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_STEPS
     return CooperationState(
@@ -122,7 +122,7 @@ def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
 def update_targets(
     state: CooperationState, observation: PersonObservation, offered: OfferedPart, posture: Posture
 ) -> CooperationState:
-    """Observe the tool and move the joint targets by one control step."""
+    """Returns the next state: the tool is observed, and the joint targets move for one control step."""
     xp = namespace(state.targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
     tool = history[row_indices(history), state.reaction_steps]
@@ -139,12 +139,12 @@ def update_targets(
 
 
 def advance_time(state: CooperationState) -> CooperationState:
-    """Advance the time by one control step."""
+    """Returns the state with the time advanced by one control step."""
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
 def sway_rad(state: CooperationState) -> FloatArray:
-    """Sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
+    """Returns the sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
     xp = namespace(state.targets_rad)
     angle = 2.0 * np.pi * state.sway_hz * state.time_s
     phase = state.phase_rad[:, :2].T
@@ -157,7 +157,8 @@ def sway_rad(state: CooperationState) -> FloatArray:
 def _mouth_targets(
     state: CooperationState, observation: PersonObservation, tool_w: FloatArray, posture: Posture
 ) -> FloatArray:
-    """Targets that turn the face to the tool, and lean towards it when it is near and in front."""
+    """Returns joint targets (N, 20) that turn the face to the tool, and lean towards a tool that is near and in
+    front."""
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
@@ -171,7 +172,7 @@ def _mouth_targets(
 
 
 def _arm_targets(state: CooperationState, observation: PersonObservation, tool_w: FloatArray) -> FloatArray:
-    """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
+    """Returns joint targets (N, 20). If the tool is near, the right arm is lifted sideways and stretched a little."""
     xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
     raised = state.rest_rad[:, lift] + LIFT_RAD
@@ -181,13 +182,14 @@ def _arm_targets(state: CooperationState, observation: PersonObservation, tool_w
 
 
 def in_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
-    """Offsets (N, 3) from the world frame to the torso frame, in which −y is forwards."""
+    """Transform offsets (N, 3) from the world frame to the torso frame. In the torso frame, −y points forwards."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
 def head_angles_toward(ahead: FloatArray) -> FloatArray:
-    """Head joint angles (N, 3) that turn the face to points (N, 3) given from the head in the torso frame."""
+    """Returns head joint angles (N, 3) that turn the face to points. ``ahead`` (N, 3) is the offset of each point from
+    the head, in the torso frame."""
     xp = namespace(ahead)
     facing = xp.zeros_like(ahead)
     facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])

@@ -1,6 +1,6 @@
-"""Distributions of people: from the paper (section V), from the zoo, and from people files.
+"""Distributions of people: those of the paper (section V), of the zoo, and of people files.
 
-Each person is sampled from one row of uniform random numbers. A world's person therefore does not depend on other
+Each person is sampled from one row of uniform random numbers. The person in a world therefore does not depend on other
 worlds.
 """
 
@@ -35,10 +35,11 @@ JointRanges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Distribution:
-    """Uniform ranges of torso height (m) and of the waist joints (± degrees).
+    """Uniform ranges of torso height (metres) and of the waist joints (± degrees).
 
-    ``cooperating`` people and ``partners`` of the zoo move, see ``people.cooperation`` and ``people.zoo``. All other
-    people hold their initial pose. ``poses`` override the initial joint angles of a task.
+    People move if ``cooperating`` is true or ``partners`` of the zoo are given, see ``people.cooperation`` and
+    ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
+    They replace the ranges of the task.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -54,7 +55,7 @@ class Distribution:
         return self.cooperating or self.partners is not None
 
     def pose_for_task(self, task: str, usual: "Pose") -> "Pose":
-        """Initial pose in a task, given the task's ``usual`` pose."""
+        """Returns the initial pose in a task: the task's ``usual`` pose with the ranges of ``poses``."""
         rest_rad, spread_rad = usual.rest_rad.copy(), usual.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
@@ -98,7 +99,7 @@ class Pose:
 
 
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
-    """The distribution with this name or from this people file. Its poses may be for any of ``tasks``.
+    """Returns the distribution with this name or from this people file. A file may contain poses for any of ``tasks``.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -113,7 +114,7 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
 
 
 def distribution_of(people: "PeopleFile") -> Distribution:
-    """The distribution that a people file describes."""
+    """Returns the distribution that a people file describes."""
     heights = people.torso_height_m
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
 
@@ -121,10 +122,10 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 def sample_people(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
-    """Sample people from uniform numbers (n, ``NUM_UNIFORMS``). Man and woman are equally likely.
+    """Sample n people from uniform numbers (n, ``NUM_UNIFORMS``). Man and woman are equally likely.
 
-    A random arm pose is rejected if it violates the shoulder limits or is within 1 cm of body or furniture. After
-    ``MAX_POSE_ATTEMPTS`` rejections the last pose is used, with the shoulder clipped to its limits.
+    A random arm pose is rejected if it violates the shoulder limits, or if the arm is within 1 cm of body or furniture.
+    If all ``MAX_POSE_ATTEMPTS`` poses are rejected, the last pose is used, with the shoulders clipped to their limits.
     """
     xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5
@@ -143,7 +144,8 @@ def sample_people(
 def _resample_crowded_poses(
     people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
 ) -> People:
-    """Give each person the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that has enough arm clearance."""
+    """Returns the people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that is allowed, see
+    ``sample_people``."""
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):
@@ -164,5 +166,5 @@ def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> Bool
 
 
 def repeat_person(person: Person, count: int) -> People:
-    """The same person in ``count`` worlds."""
+    """Returns the same person ``count`` times."""
     return People.of([person] * count)

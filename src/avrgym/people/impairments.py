@@ -10,14 +10,14 @@ from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
 from avrgym.people.population_names import IMPAIRMENTS, Impairment
 
 MOVING_IMPAIRMENTS: tuple[Impairment, ...] = ("weakness", "tremor")
-"""Impairments that only affect people with moving joints."""
+"""Impairments that have an effect only on people who have movable joints."""
 
 NUM_UNIFORMS = 1 + len(JOINTS)
 RANGE_SHARE, STRENGTH_SHARE = (0.5, 1.0), (0.25, 1.0)
 TREMOR_TARGET_RAD = np.array(
     [np.radians({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)) for joint in JOINTS.values()]
 )
-"""Largest alternating joint target in Assistive Gym: head ±20°, arms ±10°."""
+"""Maximum amplitude of the alternating joint targets in Assistive Gym: head ±20°, arms ±10°."""
 _STEP_RESPONSE = 1.0 - (1.0 - 0.05) ** 5
 """Share of the distance to its target that a joint covers in one control step.
 
@@ -25,13 +25,14 @@ Assistive Gym takes five physics steps (``frame_skip``). In each step the motor 
 twentieth (``motor_gains``).
 """
 TREMOR_AMPLITUDE_RATIO = _STEP_RESPONSE / (2.0 - _STEP_RESPONSE)
-"""Amplitude of the joint relative to its alternating target, about 1/8: 2 a = share (target + a)."""
+"""Amplitude a of the joint divided by that of its alternating target, about 1/8: 2 a = ``_STEP_RESPONSE`` (target +
+a)."""
 TREMOR_RAD = TREMOR_AMPLITUDE_RATIO * TREMOR_TARGET_RAD
 """Largest tremor amplitude: head ±2.5°, arms ±1.3°."""
 
 
 def find_impairment(name: str) -> Impairment:
-    """Check the name of an impairment.
+    """Returns ``name`` if it is an impairment.
 
     Raises:
         ValueError: for an unknown name. The message lists the impairments.
@@ -42,11 +43,11 @@ def find_impairment(name: str) -> Impairment:
 
 
 def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArray) -> People:
-    """Apply an impairment, sampled from uniform numbers (n, ``NUM_UNIFORMS``).
+    """Returns people with an impairment. Its extent is sampled from uniform numbers (n, ``NUM_UNIFORMS``).
 
-    - ``limits``: joint ranges and pose shrink by U(0.5, 1).
-    - ``weakness``: joint torques shrink by U(0.25, 1).
-    - ``tremor``: joints alternate by up to ``TREMOR_RAD``, or by the person's own tremor if that is larger.
+    - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
+    - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
+    - ``tremor``: amplitudes are sampled between 0 and ``TREMOR_RAD``. A larger own tremor of the person remains.
     """
     if impairment == "limits":
         return limit_joint_ranges(people, people.range_share * interpolate(RANGE_SHARE, uniforms[:, 0]))
@@ -60,13 +61,13 @@ def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArra
 
 
 def limit_joint_ranges(people: People, share: FloatArray) -> People:
-    """Limit the joints to a share (n,) of their full ranges, and clip the pose."""
+    """Returns people with joint ranges limited to a share (n,) of the full ranges, and the pose clipped to them."""
     limited = replace(people, range_share=share)
     return replace(limited, joint_angles_rad=clip_to_ranges(limited, people.joint_angles_rad))
 
 
 def clip_to_ranges(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Clip joint angles (n, 20) to the people's ranges."""
+    """Returns joint angles (n, 20), clipped to the joint ranges of ``people``."""
     share = people.range_share[:, None]
     lower, upper = share * constant_like(LOWER_RAD, share), share * constant_like(UPPER_RAD, share)
     return namespace(joint_angles_rad).clip(joint_angles_rad, lower, upper)

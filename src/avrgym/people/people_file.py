@@ -22,7 +22,7 @@ class PeopleFileError(ValueError):
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study from which the ranges were fitted."""
+    """The study to whose participants the ranges were fitted."""
 
     study: str
     men: int
@@ -47,8 +47,8 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of a people file.
 
     Attributes:
-        cooperating: people move towards the tool, see ``people.cooperation``.
-        torso_height_m: ranges for men and women.
+        cooperating: whether people move towards the tool, see ``people.cooperation``.
+        torso_height_m: ranges of torso height of men and women.
         poses: lowest and highest joint angle in degrees, by task and joint.
         source: the study; ``None`` for a file made by hand.
     """
@@ -60,7 +60,7 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
-    """Read a people file. Its poses may be for any of ``tasks``.
+    """Read and return a people file. It may contain poses for any of ``tasks``.
 
     Raises:
         PeopleFileError: for an invalid value.
@@ -75,7 +75,7 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
 
 
 def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
-    """Parse the text of a people file. Errors are ``PeopleFileError`` and begin with ``name``."""
+    """Parse the text of a people file. Raises ``PeopleFileError`` with a message that begins with ``name``."""
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -90,7 +90,7 @@ def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
 
 
 def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[str]:
-    """Messages for values with the right type that are not allowed."""
+    """Yields an error message for each value that has the correct type but is not allowed."""
     for sex, heights in _table(values, "torso_height_m").items():
         yield from _range_mistakes(f"torso_height_m.{sex}", heights, TORSO_HEIGHT_RANGE_M, "m")
     poses = _table(values, "poses")

@@ -1,7 +1,7 @@
 """Populations: the people that a policy meets in training, evaluation or a live view.
 
 A population is either a distribution of bodies with a behaviour model, or one trained human (human-robot co-training).
-The file of a trained human has the same format as a robot policy.
+The policy file of a trained human has the same format as that of a robot.
 """
 
 from collections.abc import Collection, Sequence
@@ -25,7 +25,7 @@ HUMAN_FILE = "human.safetensors"
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Bodies, behaviour, default impairment and, for a trained human, the policy network.
+    """A population: distribution of bodies and behaviour, default impairment and, for a trained human, the policy.
 
     ``name`` is the name of the distribution or the path of the file.
     """
@@ -36,12 +36,12 @@ class Population:
     trained: Policy | None = None
 
     def effective_impairment(self, requested: Impairment) -> Impairment:
-        """The requested impairment, or the population's own if ``none`` is requested."""
+        """Returns the requested impairment, or the population's default impairment if ``none`` is requested."""
         return self.impairment if requested == "none" else requested
 
 
 def is_trained(name_or_path: str) -> bool:
-    """Whether a name refers to trained humans: to a policy file or a folder of policy files.
+    """Whether a value of ``--people`` refers to trained humans: a policy file, or a folder of policy files.
 
     A path that ends with / counts as a folder, even if the folder no longer exists.
     """
@@ -51,14 +51,14 @@ def is_trained(name_or_path: str) -> bool:
 
 
 def population_label(name_or_path: str) -> str:
-    """Name for display. It does not depend on the file's location."""
+    """Returns a name for display. It does not contain the folder of a file."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
-    """The populations for a value of ``--people``. A folder contains one population for each trained human in it.
+    """Returns the populations for a value of ``--people``: one, or one for each trained human in a folder.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -77,7 +77,8 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
 
 
 def human_files(folder: Path) -> list[Path]:
-    """Files of trained humans in a folder and in the training folders inside it. Robot policies are ignored.
+    """Returns the files of trained humans in a folder and in the training folders inside it. Robot policies are
+    ignored.
 
     Raises:
         PolicyError: for a damaged file.
@@ -87,7 +88,7 @@ def human_files(folder: Path) -> list[Path]:
 
 
 def transferred_people(name_or_path: str) -> TransferredFile:
-    """People for worker processes without access to the files."""
+    """Returns people in a form that can be sent to worker processes without access to the files."""
     if is_trained(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)
@@ -113,19 +114,20 @@ class TrainedHumans:
     """Runs trained human policies in N worlds."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
-        """Create N worlds. All worlds use the first policy until ``reset``."""
+        """Prepare N ``worlds``. All worlds use the first policy until ``reset``."""
         self._trained = trained
         self._human = np.zeros(worlds, dtype=np.intp)
         self._noise = [random_streams.trained_human_noise(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
-        """Reset worlds ``ids`` (n,) to ``humans`` (n,). ``uniforms`` (n,) seed their action noise."""
+        """Start episodes in worlds ``ids`` (n,) with the policies of index ``humans`` (n,). ``uniforms`` (n,) seed the
+        action noise."""
         self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
             self._noise[world] = random_streams.trained_human_noise(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
-        """Actions (N, K) for observations (N, O)."""
+        """Returns actions (N, K) for observations (N, O)."""
         actions = np.zeros((len(observations), self._trained[0].action_size))
         for number, policy in enumerate(self._trained):
             rows = np.nonzero(self._human == number)[0]

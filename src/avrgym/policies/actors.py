@@ -1,4 +1,4 @@
-"""Policies in N worlds, with the memory's state in the present episodes."""
+"""Policies that act in N worlds. They store the memory's state of each world."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -29,19 +29,19 @@ class Actor:
         generators: Sequence[np.random.Generator],
         image: FloatArray | None = None,
     ) -> FloatArray:
-        """Actions (N, A) float32 in [-1, 1] of a control step, from observations (N, O) and a generator per world.
+        """Returns actions (N, A) for observations (N, O), with noise from a generator per world: float32 in [-1, 1].
 
         ``image`` is as in ``mean``.
         """
         return self._policy.with_noise(self.mean(observations, image), generators)
 
     def mean(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
-        """Mean actions (N, A) of a control step, from observations (N, O).
+        """Returns mean actions (N, A) for observations (N, O), and updates the memory. Call it once per control step.
 
         A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.network_input``.
 
         Raises:
-            PolicyError: for observations of a wrong shape. The memory does not change then.
+            PolicyError: for observations of a wrong shape. The memory is then unchanged.
         """
         if len(observations) != len(self._memory):
             raise PolicyError(f"{len(observations)} observations for {len(self._memory)} worlds")
@@ -50,13 +50,13 @@ class Actor:
 
 
 class DeviceActor:
-    """A policy without memory on the device and in the precision of an array, for example on a GPU.
+    """A policy without memory that computes on a device, for example on a GPU.
 
     The array library determines the order of sums.
     """
 
     def __init__(self, policy: Policy, exemplar: Any) -> None:
-        """Move the policy to the device of an array."""
+        """Convert the policy to the library, device and precision of the array ``exemplar``."""
         deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
         self._mean = moved_to(policy.observation_mean, exemplar)
         self._deviation = moved_to(deviation, exemplar)
@@ -65,7 +65,7 @@ class DeviceActor:
         self._biases = [moved_to(bias, exemplar) for bias in policy.biases]
 
     def mean(self, observations: Any) -> Any:
-        """Mean actions (N, A), from observations (N, O)."""
+        """Returns mean actions (N, A) for observations (N, O)."""
         xp = namespace(observations)
         rows = xp.clip((observations - self._mean) / self._deviation, -self._clip, self._clip)
         for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):

@@ -16,7 +16,7 @@ singularities."""
 
 
 class CartesianController:
-    """Maps velocities of the hand of the first world's robot to actions."""
+    """Maps velocities of the robot's hand to actions, in the first world."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Read the arm's kinematic chain from the scene."""
@@ -28,7 +28,8 @@ class CartesianController:
         self._drives = scene.robot.drive is not None
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
-        """The action (A,) for a velocity of the hand. It is scaled down to the speed limits of joints and hand.
+        """Returns the action (A,) for a velocity of the hand. The action is scaled down to the speed limits of joints
+        and hand.
 
         Args:
             linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; clipped to

@@ -26,14 +26,14 @@ MAX_ERROR_LENGTH = 160
 
 
 Observed = FloatArray | dict[str, NumpyArray]
-"""An observation (O,), or with cameras ``state`` and the images of ``CameraSpec.entries``."""
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 
 
 class Controller(Protocol):
     """Drives one robot through episodes. It may also have a method ``close()``.
 
-    With an attribute ``cameras``, a list as in ``gym.make``, ``act`` receives a dictionary: ``state`` is the
-    observation (O,), and each image has an entry such as ``wrist_rgb``.
+    A controller may have an attribute ``cameras``, a list as in ``gym.make``. Then ``act`` receives a dictionary:
+    ``state`` is the observation (O,), and each image has an entry such as ``wrist_rgb``.
     """
 
     def reset(self, seed: int, environment: str) -> None:
@@ -41,12 +41,12 @@ class Controller(Protocol):
         ...
 
     def act(self, observation: Any) -> ArrayLike:
-        """The action (A,) for an observation (O,), float64: joint speeds as a share of their limits, -1 to 1."""
+        """Returns the action (A,) for an observation (O,), float64: joint speeds divided by their limits, -1 to 1."""
         ...
 
 
 class ControllerError(RuntimeError):
-    """A controller did not return a valid action. The message begins with the kind of failure and a colon.
+    """Raised if a controller returns no valid action. The message begins with the kind of failure and a colon.
 
     The kinds are ``exception``, ``wrong_shape``, ``not_finite`` and ``late``.
     """
@@ -56,7 +56,8 @@ class ControllerError(RuntimeError):
 class ExternalController:
     """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
-    ``plugin`` is the installed version of the package, for Python code. ``cameras``: those that it needs.
+    ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
+    the controller needs.
     """
 
     name: str
@@ -74,7 +75,7 @@ def reset(controller: Controller, seed: int, environment: str) -> None:
 
 
 def act(controller: Controller, observation: Observed, size: int) -> FloatArray:
-    """A controller's action (size,) for an observation, within -1 to 1.
+    """Returns a controller's action (size,) for an observation, clipped to -1 to 1.
 
     Raises:
         ControllerError: if the controller raises an exception, or does not return ``size`` finite numbers.
@@ -84,7 +85,8 @@ def act(controller: Controller, observation: Observed, size: int) -> FloatArray:
 
 
 def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """The action of ``act``, clipped to -1 to 1. Raises ``ControllerError`` for an exception or an invalid action."""
+    """Call ``act``. Returns its action, clipped to -1 to 1. Raises ``ControllerError`` for an exception or an invalid
+    action."""
     try:
         action = np.array(act(), float)
     except (Exception, SystemExit) as error:  # external code may raise anything
@@ -106,11 +108,11 @@ def close(controller: Controller) -> None:
 def find_python(name: str) -> ExternalController:
     """Import the controller ``module:attribute``.
 
-    The attribute is a class, a function that returns a controller, a controller, or a function from an observation to
-    an action. A controller object is copied for each use. Python also searches the current folder for the module.
+    The attribute is a controller, a class or function that creates a controller, or a function that maps an observation
+    to an action. A controller object is copied for each use. Python also searches the current folder for the module.
 
     Raises:
-        PolicyError: if it cannot be imported.
+        PolicyError: if the controller cannot be imported or created.
     """
     module, _, attribute = name.partition(":")
     _search_current_folder()
@@ -124,7 +126,7 @@ def find_python(name: str) -> ExternalController:
 
 
 def python_file(name: str) -> Path | None:
-    """The file of the module in ``module:attribute``, if it exists; the module is not imported."""
+    """Returns the file of the module in ``module:attribute``, or None. The module is not imported."""
     _search_current_folder()
     try:
         spec = importlib.util.find_spec(name.partition(":")[0])
@@ -134,19 +136,19 @@ def python_file(name: str) -> Path | None:
 
 
 def _search_current_folder() -> None:
-    """Let Python import modules from the current folder."""
+    """Append the current folder to Python's search path for modules."""
     folder = os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)
 
 
 def registered_controllers() -> dict[str, EntryPoint]:
-    """The controllers that other packages register, by name, without importing them."""
+    """Returns the controllers that other packages register, by name. They are not imported."""
     return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLERS)}
 
 
 def find_registered(name: str) -> ExternalController:
-    """Import a registered controller. Raises ``PolicyError`` if it cannot be imported."""
+    """Import a registered controller. Raises ``PolicyError`` if the controller cannot be imported or created."""
     entry = registered_controllers()[name]
     try:
         found = entry.load()
@@ -158,14 +160,14 @@ def find_registered(name: str) -> ExternalController:
 
 
 def used_plugin(name: str) -> UsedPlugin | None:
-    """The installed version of a registered controller or of ``module:attribute``; ``None`` for other names."""
+    """Returns the installed version of a registered controller or of ``module:attribute``; ``None`` for other names."""
     if name in registered_controllers():
         return plugin_of_entry_point("controller", name, registered_controllers()[name])
     return plugin_of_controller(name) if ":" in name else None
 
 
 def broken_controllers() -> list[str]:
-    """Error messages of the registered controllers that cannot be imported or created. Imports all controllers."""
+    """Import all registered controllers. Returns error messages of those that cannot be imported or created."""
     reasons: list[str] = []
     for name in registered_controllers():
         try:
@@ -186,7 +188,7 @@ class _Function:
 
 
 def _takes_observation(found: Any) -> bool:
-    """Whether an object is a function with one required argument, the observation."""
+    """Whether an object is a function with exactly one required argument, the observation."""
     if isinstance(found, type) or not callable(found) or hasattr(found, "act"):
         return False
     try:
@@ -205,7 +207,7 @@ def _can_bind(signature: inspect.Signature, count: int) -> bool:
 
 
 def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
-    """Returns a controller of another package. Creates one instance immediately, to report errors early."""
+    """Returns the controller ``found``. Creates one instance immediately, to report errors early."""
     if _takes_observation(found):
         found = _Function(found)
     ready_made = not isinstance(found, type) and hasattr(found, "act")
@@ -229,13 +231,13 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
 
 
 def controller_error(error: BaseException) -> ControllerError:
-    """An exception as a ``ControllerError``."""
+    """Convert an exception to a ``ControllerError``."""
     return (
         error if isinstance(error, ControllerError) else ControllerError(f"exception: {_error_text(error)}")
     )
 
 
 def _error_text(error: BaseException) -> str:
-    """An exception in one line of printable characters."""
+    """Returns an exception's type and message in one line of printable characters."""
     line = " ".join(f"{type(error).__name__}: {error}".split())
     return "".join(character if character.isprintable() else "?" for character in line)[:MAX_ERROR_LENGTH]

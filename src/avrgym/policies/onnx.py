@@ -1,4 +1,4 @@
-"""ONNX files: networks from other programs as controllers, and export of policies. Needs the extra ``onnx``."""
+"""ONNX files: use networks of other programs as controllers, and export policies. Needs the extra ``onnx``."""
 
 import os
 from pathlib import Path
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 ONNX_SUFFIX = ".onnx"
 OPSET, IR_VERSION = 17, 8
-"""ONNX versions that programs of 2022 support."""
+"""ONNX versions of the exported files. Programs of 2022 support them."""
 DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A network without memory. Its input is the observation, not normalised; its output is the action."""
+    """A network without memory. Its input is the observation without normalisation; its output is the action."""
 
     def __init__(self, session: Any) -> None:
         """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
@@ -34,7 +34,7 @@ class OnnxController:
         """Does nothing: the network has no memory and no noise."""
 
     def act(self, observation: FloatArray) -> ArrayLike:
-        """The network's output for an observation (O,)."""
+        """Returns the network's output (A,) for an observation (O,)."""
         row = observation.astype(self._dtype)
         (action,) = self._session.run(None, {self._input: row[None] if self._rows else row})
         return action[0] if self._rows else action
@@ -43,7 +43,7 @@ class OnnxController:
 def find_onnx(
     path: str | os.PathLike[str], environment_id: str, observation_size: int, action_size: int
 ) -> ExternalController:
-    """Load a network for an environment whose observations and actions have the given sizes.
+    """Load a network for an environment. ``observation_size`` and ``action_size`` are those of the environment.
 
     Raises:
         PolicyError: if the extra is missing, the file is damaged, or its inputs or outputs do not fit.
@@ -81,20 +81,20 @@ def _check(
 
 
 def _fits(shape: list[Any], size: int) -> bool:
-    """Whether a tensor's shape allows one row. Variable sizes are names or None."""
+    """Whether a tensor of this shape can contain one row of ``size`` numbers. In ``shape``, variable sizes are names or
+    None."""
     *rows, last = shape or [0]
     return len(rows) <= 1 and last == size and all(row == 1 or not isinstance(row, int) for row in rows)
 
 
 def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = True) -> "ModelProto":
-    """An ONNX graph that computes a policy's mean actions (``rows``, A), clipped to ±1, from observations (``rows``,
-    O).
+    """Returns an ONNX model of a policy: mean actions (``rows``, A), clipped to ±1, for observations (``rows``, O).
 
-    The graph contains the normalisation, but no exploration noise. If ``rows`` is a name, the number of rows is
+    The model contains the normalisation, but no exploration noise. If ``rows`` is a name, the number of rows is
     variable. ``double`` selects double instead of single precision.
 
     Raises:
-        PolicyError: for a recurrent policy.
+        PolicyError: for a recurrent policy, or a policy with vision.
     """
     from onnx import TensorProto, helper, numpy_helper
 
@@ -140,11 +140,11 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
 
 
 def write_onnx(policy: Policy, out: Path) -> None:
-    """Write a policy into a new file.
+    """Write a policy into a new ONNX file.
 
     Raises:
-        ValueError: for another suffix than ``.onnx``.
-        FileExistsError: when the file exists.
+        ValueError: if the suffix is not ``.onnx``.
+        FileExistsError: if the file exists.
     """
     import onnx
 

@@ -1,4 +1,4 @@
-"""Finds policies by the values of ``--policy`` (names and paths), and computes their actions."""
+"""Finds policies by name or path (the values of ``--policy``), and computes their actions."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -35,7 +35,7 @@ class Script:
 
 @dataclass(frozen=True)
 class HumanOperator:
-    """The experimenter drives the robot's hand."""
+    """The policy ``operator``: the experimenter drives the robot's hand."""
 
 
 RobotPolicy = Policy | Script | ExternalController
@@ -43,12 +43,13 @@ AnyPolicy = RobotPolicy | HumanOperator
 
 
 def named_policies(environment_id: str) -> list[str]:
-    """Names of an environment's policies: packaged policies, scripts and registered controllers."""
+    """Returns the names of an environment's policies: packaged policies, scripts and registered controllers."""
     return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
 
 
 def skipped_plugins() -> list[str]:
-    """Error messages of plug-ins (robots, tasks, controllers) that cannot be used. Imports all controllers."""
+    """Returns error messages of the plug-ins (robots, tasks, controllers) that cannot be used. Imports all
+    controllers."""
     records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
     return [*records, *controllers.broken_controllers()]
 
@@ -67,7 +68,7 @@ def find(
         name: name of a packaged policy, a script or a registered controller; path of a ``.safetensors`` or ``.onnx``
             file; or ``module:attribute``.
         environment_id: such as ``avrgym/FeedingJaco-v1``.
-        settings: of the environment.
+        settings: settings of the environment.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         allow_other_settings: whether to allow a policy that was trained with other settings.
 
@@ -117,22 +118,22 @@ def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
 def find_for_session(
     name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
 ) -> AnyPolicy:
-    """Load a policy as ``find`` does, but also allow ``operator``, with which the experimenter drives the robot."""
+    """Load a policy like ``find``. Also accepts ``operator``: the experimenter drives the robot."""
     if name == OPERATOR:
         return HumanOperator()
     return find(name, environment_id, settings, allow_other_settings=allow_other_settings)
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:
-    """Installed versions of the plug-ins of an environment and a policy."""
+    """Returns the installed versions of the plug-ins that an environment and a policy use."""
     controller = policy.plugin if isinstance(policy, ExternalController) else None
     return plugins_of(environment_id) + (() if controller is None else (controller,))
 
 
 def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str]:
-    """Descriptions of the plug-ins of an environment that changed since a policy's training.
+    """Returns descriptions of the environment's plug-ins that changed since the policy's training.
 
-    In an environment that differs from the training's, only plug-ins of both environments are compared.
+    If the policy was trained in another environment, only plug-ins that both environments use are compared.
     """
     if not isinstance(policy, Policy):
         return []
@@ -147,9 +148,11 @@ def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str
 def running(
     policy: RobotPolicy, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> Generator[ActionFunction]:
-    """Context manager: a function from observations (N, O) to actions (N, A), for one episode of each world.
+    """Context manager: yields a function that maps observations (N, O) to actions (N, A), for one episode of each
+    world.
 
-    An external controller has one instance per world. It is seeded from the world's generator and closed at the end.
+    An external controller has one instance per world. Each instance is seeded by the world's generator and closed at
+    the end.
 
     Raises:
         PolicyError: if an instance cannot be created.
@@ -175,9 +178,9 @@ def running(
 def action_function(
     policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> ActionFunction:
-    """A function from observations (N, O) to actions (N, A), for one episode of each world.
+    """Returns a function that maps observations (N, O) to actions (N, A), for one episode of each world.
 
-    Create a new function for each episode, because it contains the memory of a recurrent policy.
+    Create a new function for each episode, because the function stores the memory of a recurrent policy.
     """
     if isinstance(policy, Policy):
         actor, cameras = Actor(policy, len(generators)), cameras_of(policy, world.environment_id)
@@ -192,10 +195,10 @@ def action_function(
 
 
 def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]:
-    """The cameras that a policy needs.
+    """Returns the cameras that a policy needs.
 
     Raises:
-        PolicyError: for a camera that the environment's robot does not have. The message lists the allowed ones.
+        PolicyError: for a camera that the environment's robot does not have. The message lists the allowed cameras.
     """
     if isinstance(policy, ExternalController):
         wanted: Sequence[AnyCamera] = policy.cameras
@@ -208,14 +211,16 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
 
 
 def prepare(policy: AnyPolicy, world: Episodes) -> None:
-    """Compile the appearance of worlds for a policy with cameras, so that its first action is not late."""
+    """Render once for a policy with cameras. Rendering compiles the appearance; without this call the first action
+    would be late."""
     cameras = cameras_of(policy, world.environment_id)
     if cameras:
         world.images(cameras)
 
 
 def observed(policy: ExternalController, world: Episodes, observations: FloatArray) -> list[Observed]:
-    """What each world's controller receives: its observation (O,), or with cameras a dictionary.
+    """Returns the observation (O,) of each world's controller. For a controller with cameras, it is a dictionary with
+    images.
 
     Args:
         policy: the controller.
@@ -233,7 +238,7 @@ def observed(policy: ExternalController, world: Episodes, observations: FloatArr
 
 
 def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray | None:
-    """The input (N, H, W, C) of the network of a policy with vision."""
+    """Returns the network's input (N, H, W, C) for a policy with vision, or None without cameras."""
     if not cameras:
         return None
     (camera,) = cameras
@@ -242,5 +247,5 @@ def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray
 
 
 def controller_seed(generator: np.random.Generator) -> int:
-    """The seed of a controller in an episode: the next number of the episode's generator."""
+    """Returns the seed of a controller in an episode. It is drawn from the episode's generator."""
     return int(generator.integers(2**31))

@@ -22,14 +22,14 @@ PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
-    """The packaged policies of an environment, by name."""
+    """Returns the files of an environment's packaged policies, by name."""
     scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
     files = sorted(PACKAGED.glob(f"{scene}-*.safetensors"))
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}
 
 
 def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
-    """The file of a packaged policy (by name, such as ``original``) or the given path.
+    """Returns the file of a packaged policy, given its name (such as ``original``), or the given path.
 
     Raises:
         PolicyError: if neither exists.
@@ -81,7 +81,7 @@ def load_policy(
 
 
 def _check_vision(policy: Policy, path: Path) -> None:
-    """Refuse vision that does not fit the images of its camera."""
+    """Raise ``PolicyError`` if the policy's vision does not fit the images of its camera."""
     assert policy.vision is not None
     try:
         camera = camera_from_text(policy.metadata.camera)
