@@ -1,4 +1,4 @@
-"""A demonstration: a simulated participant in all tasks, and a page with the replay of each trial."""
+"""A demonstration: a simulated participant takes part in each task, and a page replays each trial."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -22,13 +22,16 @@ ENVIRONMENTS = (
     "avrgym/ScratchItchJaco-v1",
     "avrgym/BedBathingPR2-v1",
 )
-"""Every task once, with both robots. The task in bed is last because it needs a new calibration."""
+"""One environment for each task. The task in bed is last, because it needs a new calibration."""
 FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The files of a demonstration, and the reason if it ran without a browser (else ``None``)."""
+    """The files of a demonstration.
+
+    ``without_browser``: why the demonstration ran without a browser; ``None`` if it ran in one.
+    """
 
     pages: list[Path]
     recordings: list[Path]
@@ -36,7 +39,10 @@ class DemoResult:
 
 
 def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
-    """Runs a trial of each task with its questionnaire, and writes recordings, pictures and pages into ``out``."""
+    """Run one trial of each task with its questionnaire. Writes recordings, pictures and pages into the folder ``out``.
+
+    ``seed`` determines the participant and the trials. ``log`` is called with each message about the progress.
+    """
     plan = SessionPlan(
         trials=[
             TrialPlan(environment, "adaptive", seed=len(ENVIRONMENTS) * seed + number, practice=False)
@@ -87,7 +93,7 @@ def _in_process(
     participant: SimulatedParticipant,
     log: Callable[[str], None],
 ) -> list[Path]:
-    """Run the session without browser and server, faster than real time."""
+    """Run the session without browser and server, faster than real time. Returns the paths of the recordings."""
     client = InProcessClient(participant, log)
     session = make_session(client.receive)
     client.run(session)
@@ -95,7 +101,7 @@ def _in_process(
 
 
 def _write_pages(recordings: list[Path], out: Path) -> list[Path]:
-    """Writes a page for the last attempt at each trial."""
+    """Write a replay page for the last attempt at each trial. Returns the paths of the pages."""
     attempts = [read_recording(path) for path in recordings]
     pages: list[Path] = []
     for environment in ENVIRONMENTS:

@@ -3,7 +3,7 @@
 The MCAP file contains the recording's messages and Foxglove's schemas
 (https://docs.foxglove.dev/docs/visualization/message-schemas) as protocol buffers:
 
-- ``/tf``: poses of bodies that moved, at the client's rate;
+- ``/tf``: poses of bodies that moved, at 50 Hz;
 - ``/scene``: triangle meshes of the bodies, for Foxglove;
 - ``/surfaces/BODY``: the surfaces of a body as points, for Rerun, which does not show these meshes;
 - ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: tracked poses in the headset's space;
@@ -49,7 +49,7 @@ from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
 
 WORLD, TRACKING = "world", "local_floor"
-"""Names of coordinate frames: the simulated world (z up), and the tracked poses (y up)."""
+"""Names of coordinate frames: the simulated world (z up), and the headset's space of tracked poses (y up)."""
 TRACKED = ("head", "left", "right")
 POINT_COUNT = 40_000
 """Total number of points on all surfaces."""
@@ -67,7 +67,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
         progress: called after each recorded state.
 
     Raises:
-        ValueError: for another suffix, or for a recording that cannot be recomputed.
+        ValueError: for a wrong suffix, a missing folder, or a recording that cannot be recomputed.
         FileExistsError: if the file exists.
     """
     check_new_file(out, (".mcap",))
@@ -124,7 +124,7 @@ class _Log:
         self._add(topic, "protobuf", self._schemas[name], self._at_ns(time_s), message.SerializeToString())
 
     def write_record(self, topic: str, time_ns: int, record: Any) -> None:
-        """Copy a record from the recording."""
+        """Write a record of the recording as JSON. ``time_ns`` counts from the start of the trial."""
         if topic not in self._schemas:
             name = f"avrgym.{TOPICS[topic].__name__}"
             self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", json_schema(topic))
@@ -179,7 +179,10 @@ def _colours(surface: BodySurface) -> Mapping[str, Any]:
 
 
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Points (P, ``POINT_BYTES``) of uniform density on each body's surfaces, identical in every run."""
+    """Yield the name of each body and points (P, ``POINT_BYTES``) of uniform density on its surfaces.
+
+    The points are random, but identical in every run.
+    """
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINT_COUNT / sum(area.sum() for own in areas.values() for area in own)
     generator = random_streams.surface_points()
@@ -227,7 +230,10 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
 def _moves(
     times_s: Sequence[float], frames: FloatArray, bodies: Sequence[str]
 ) -> Iterator[tuple[float, list[tuple[str, FloatArray]]]]:
-    """For each time, the bodies that have moved and their poses (7,); at the first time, all bodies."""
+    """Yield each time at which bodies have moved, with the names and poses (7,) of these bodies.
+
+    The first time includes all bodies.
+    """
     before = np.full_like(frames[0], np.nan)
     for time_s, poses in zip(times_s, frames, strict=True):
         moved = np.flatnonzero((poses != before).any(axis=1)).tolist()
@@ -237,7 +243,7 @@ def _moves(
 
 
 def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameTransform:
-    """The pose of a frame in the world: position x, y, z, then quaternion x, y, z, w."""
+    """Returns the message for a frame with this pose (7,) in the world: x, y, z, then quaternion w, x, y, z."""
     x, y, z, qw, qx, qy, qz = pose.tolist()
     return FrameTransform(
         timestamp=log.timestamp(time_s),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 
 def check_new_file(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Check that a file with one of these suffixes can be created.
+    """Check that the path has one of these suffixes and that a new file can be created there.
 
     Raises:
         ValueError: for another suffix or a missing folder.

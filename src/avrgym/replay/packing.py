@@ -1,9 +1,9 @@
-"""Compact encoding of poses: differences between frames as integers, ordered by byte."""
+"""Compact encoding of poses: integer differences between frames, with bytes of equal significance together."""
 
 import numpy as np
 
 POSE_RESOLUTION = 2.0**-14
-"""Resolution of packed positions in metres, and of quaternions. The error of 0.03 mm is not visible."""
+"""Step size of packed positions in metres, and of quaternion components. The error of 0.03 mm is not visible."""
 
 
 def pack_poses(poses: bytes, frames: int) -> bytes:
@@ -14,8 +14,9 @@ def pack_poses(poses: bytes, frames: int) -> bytes:
         frames: number of frames.
 
     Returns:
-        Differences between frames as 32-bit integers in multiples of ``POSE_RESOLUTION``, ordered by number, then by
-        frame. The lowest bytes of all differences come first, then the second, third and fourth bytes.
+        Differences between frames as 32-bit integers, in multiples of ``POSE_RESOLUTION``. They are ordered by the
+        float's index in the frame, then by frame. The lowest bytes of all differences come first, then the second,
+        third and fourth bytes.
     """
     steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / POSE_RESOLUTION)
     changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")

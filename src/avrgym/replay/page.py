@@ -29,7 +29,10 @@ class PackedTrial(msgspec.Struct, frozen=True):
 
 
 class Packed(msgspec.Struct, frozen=True):
-    """Data of the page: packed poses, and GLB files by URL, both deflated and base64-encoded."""
+    """Data of the page: packed poses, and GLB files by URL, both deflated and base64-encoded.
+
+    ``step`` is the resolution of the packed poses.
+    """
 
     step: float
     trials: list[PackedTrial]
@@ -57,9 +60,9 @@ def check_page_to_write(out: Path) -> None:
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
-    """Write a page with one or two trials. Only its owner can read the file.
+    """Write a page with one or two trials. On this computer, only the current user can read the file.
 
-    Two trials are aligned at the robot's start.
+    Of two trials, one is delayed until both robots start at the same time.
 
     Raises the same errors as ``check_page_to_write``.
     """
@@ -98,5 +101,5 @@ def _deflated(data: bytes) -> str:
 
 
 def _within_script(packed: Packed) -> bytes:
-    """The data as JSON that is safe in an HTML script element."""
+    """Returns the data as JSON that is safe in an HTML script element."""
     return msgspec.json.encode(packed).replace(b"<", b"\\u003c")

@@ -42,7 +42,7 @@ class Moment:
 
 
 def write_video(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write a trial as H.264 video (MP4) in real time, up to the questionnaire.
+    """Write a trial as H.264 video (MP4) that plays in real time and ends at the questionnaire.
 
     Args:
         recording: the recording of the trial.
@@ -51,7 +51,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
         progress: called after each recorded state.
 
     Raises:
-        ValueError: for another suffix, or for a recording that cannot be recomputed.
+        ValueError: for a wrong suffix, a missing folder, or a recording that cannot be recomputed.
         FileExistsError: if the file exists.
         RuntimeError: if rendering fails or the encoder is missing.
     """
@@ -93,7 +93,7 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
 def draw_strip(
     recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
 ) -> list[float]:
-    """Render evenly spaced pictures of the robot's motion next to each other.
+    """Write one image: pictures of the robot's motion at evenly spaced times, next to each other.
 
     Arguments and errors are those of ``write_video``; ``out`` must end in .png or .jpg. ``count``: number of pictures.
 
@@ -121,7 +121,7 @@ def draw_strip(
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
-    """Pictures at a constant rate up to the questionnaire. If a state is missing, the previous picture is repeated."""
+    """Yield pictures at a constant rate up to the questionnaire. The next state replaces a missing state."""
     begins_s, _ = driven_span_s(recording)
     times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
@@ -135,7 +135,7 @@ def _pictures(
     first_person: bool,
     progress: Progress,
 ) -> Iterator[tuple[Moment, Picture]]:
-    """Pictures at these times: each shows the first state at or after its time."""
+    """Yield a moment and a picture for each of these times: the first state at or after the time."""
     playback = Playback(recording)
     width_px, height_px = size_px
     camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
@@ -155,7 +155,7 @@ def _pictures(
 
 
 def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
-    """The moment of each recorded state; the playback's world is then in this state."""
+    """Yield the moment of each recorded state, while the playback's world is in this state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
@@ -167,7 +167,7 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
 
 
 def _titled(picture: Picture, text: str) -> Picture:
-    """The picture with a caption below it."""
+    """Returns the picture with a caption below it."""
     sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
@@ -175,7 +175,7 @@ def _titled(picture: Picture, text: str) -> Picture:
 
 
 def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> Picture:
-    """The picture with title and state of the trial at its lower edge."""
+    """Returns the picture with the trial's title and state at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
     band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)

@@ -20,7 +20,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
 BRAKE_EVENTS = (("phase", "retreat"), ("phase", "free_after"))
-"""Events that brake the robot."""
+"""Events at which the brakes stop the robot: name and detail."""
 
 
 class ReplayError(ValueError):
@@ -145,7 +145,7 @@ class Playback:
         return self._step
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The recorded action (1, J) of the control step."""
+        """Returns the recorded action (1, J) of the current control step."""
         if self._action is None:
             raise ReplayError(
                 f"the recording contains no commands to the robot: {version_text(self.recording)}"
@@ -154,11 +154,11 @@ class Playback:
         return self._action
 
     def update_action(self) -> FloatArray | None:
-        """The recorded action (1, J) within the control step; ``None`` without a new command."""
+        """Returns the action (1, J) of a command that was recorded within the control step; ``None`` without one."""
         return self.act(np.zeros(0)) if self._action_is_new else None
 
     def _apply_event(self, event: Event) -> None:
-        """Update the phase. Brake the robot around its retreat, and permanently if the attempt was aborted."""
+        """Update the phase. Brake the robot before and after its retreat, and for good if the attempt was aborted."""
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
@@ -168,7 +168,7 @@ class Playback:
 
 
 def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
-    """Contact forces (1, R) on each region of the person while the robot was driven.
+    """Returns the contact forces (1, R) on the body regions of the person, while a driver controlled the robot.
 
     Args:
         recording: the recording of one attempt.
@@ -187,7 +187,7 @@ def region_loads(recording: Recording, progress: Callable[[], None] = lambda: No
 
 
 def title(recording: Recording) -> str:
-    """A title for the recording: environment, policy, trial, attempt and participant."""
+    """Returns a title for the recording: environment, policy, trial, attempt and participant."""
     trial = recording.configuration
     kind = "practice" if trial.practice else f"trial {trial.trial}"
     participant = "simulated participant" if trial.simulated else "participant"
@@ -196,13 +196,13 @@ def title(recording: Recording) -> str:
 
 
 def phases(recording: Recording) -> list[tuple[float, str]]:
-    """Start time (in seconds) and name of each phase."""
+    """Returns the start time (in seconds) and the name of each phase."""
     events = recording.topics["/events"]
     return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
 
 
 def movement_end_s(recording: Recording) -> float:
-    """Start time of the questionnaire; without one, the end of the recording.
+    """Returns the start time of the questionnaire in seconds; without a questionnaire, the end of the recording.
 
     The robot does not move after this time.
     """
@@ -211,7 +211,10 @@ def movement_end_s(recording: Recording) -> float:
 
 
 def driven_span_s(recording: Recording) -> tuple[float, float]:
-    """Start and end time of the robot's control steps. Without control steps, start and end time of the recording."""
+    """Returns the start and end time of the robot's control steps in seconds.
+
+    Without control steps, returns 0 and ``movement_end_s``.
+    """
     starts = [time_s for time_s, name in phases(recording) if name == "trial"]
     control = recording.topics["/control"]
     if not starts or not control:

@@ -17,7 +17,7 @@ from avrgym.vr.server.web_server import STATIC, WebServer, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
-    """The web application. Data require a token, because movements can identify people."""
+    """Returns the web application. Requests for data need a token, because movements can identify people."""
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))

@@ -18,7 +18,7 @@ from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting_person
 
 FRAME_EVERY_STATES = 2
-"""A frame is every second state: 50 frames per second. The page interpolates between frames."""
+"""Every second state becomes a frame: 50 frames per second. The page interpolates between frames."""
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):
@@ -42,9 +42,9 @@ class Steps(msgspec.Struct, frozen=True):
 class Timeline(msgspec.Struct, frozen=True):
     """A trial as data for a replay page. Times are in seconds from the start of the trial.
 
-    ``frames_s``: time of each frame. The poses of the frames are stored separately: for each frame, each body and mark
-    of ``scene``, as 32-bit floats: position x, y, z, then quaternion w, x, y, z. ``complete``: the recording contains
-    the whole trial. ``facts``: further information by heading.
+    ``frames_s``: time of each frame. The poses of the frames are stored separately, as 32-bit floats. A frame has a
+    pose for each body and each mark of ``scene``: position x, y, z, then quaternion w, x, y, z. ``complete``: the
+    recording contains the whole trial. ``facts``: further information by heading.
     """
 
     title: str
@@ -60,7 +60,7 @@ class Timeline(msgspec.Struct, frozen=True):
 
 
 def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
-    """The timeline of a recording, and the poses of its frames.
+    """Returns the timeline of a recording, and the poses of its frames; see ``Timeline``.
 
     Args:
         recording: the recording of one attempt.
@@ -87,7 +87,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 
 def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """The timelines with delays that align the start of the robot."""
+    """Delay timelines until all robots start at the same time. Returns the delayed timelines."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines
@@ -109,12 +109,12 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 
 def render_recorded(recording: Recording) -> bytes:
-    """The scene of a recording as GLB."""
+    """Returns the scene of a recording as a GLB file."""
     return export_scene(*recorded_scene(recording))
 
 
 def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
-    """Environment of a recording, its person in the rest pose, and its settings."""
+    """Returns the environment id of a recording, its person in the rest pose, and its settings."""
     configuration = recording.configuration
     person = Person(**msgspec.structs.asdict(configuration.person))
     return (
@@ -125,7 +125,7 @@ def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
 
 
 def _facts(recording: Recording) -> dict[str, str]:
-    """Facts about the trial by heading. They contain the pseudonym, not the name."""
+    """Returns facts about the trial by heading, without the participant's name."""
     trial = recording.configuration
     facts = {
         "Session": trial.session,
@@ -140,7 +140,7 @@ def _facts(recording: Recording) -> dict[str, str]:
 
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
-    """Times and poses of every second recorded state."""
+    """Returns the times and poses of every second recorded state."""
     times_s: list[float] = []
     frames: list[bytes] = []
     states = (each for each in playback.run(follow=True) if isinstance(each, ComparedState))

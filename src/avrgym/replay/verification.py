@@ -53,8 +53,8 @@ class Verification:
     ``states``, ``steps``: number of compared states and control steps; ``identical_*``: number without differences.
     ``until_s``: time of the last state. ``tick_error``: largest relative difference after one tick from a recorded
     state. ``complete``: the recording contains the whole trial. ``same_versions``: AVR Gym and MuJoCo have the recorded
-    versions. ``same_rounding``: the C library rounds like the recorded one. ``plugin_differences``: plug-ins that have
-    changed.
+    versions. ``same_rounding``: the C library rounds as at recording. ``plugin_differences``: plug-ins that have
+    changed since the recording.
     """
 
     states: int
@@ -136,7 +136,7 @@ class _Differences:
         self.differences: dict[str, Difference] = {}
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
-        """Store the differences of a state. Returns whether there are none."""
+        """Store the differences of a state. Returns whether recorded and recomputed state are identical."""
         if not compared.identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
@@ -147,7 +147,7 @@ class _Differences:
         return compared.identical
 
     def compare_step(self, compared: ComparedStep) -> bool:
-        """Store the differences of a control step. Returns whether there are none."""
+        """Store the differences of a control step. Returns whether recorded and recomputed step are identical."""
         recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
         absent = np.array([np.nan])
         same = [
@@ -172,7 +172,7 @@ class _Differences:
 
 
 def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
-    """Largest absolute and relative difference; infinite if shapes differ or numbers are missing."""
+    """Returns the largest absolute and relative difference; infinite if shapes or missing numbers differ."""
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
     apart = np.where(np.isnan(recorded) & np.isnan(stepped), 0.0, np.abs(recorded - stepped))

@@ -1,7 +1,7 @@
-"""Measures CPU steal: periods in which the host of a virtual machine runs other machines on its processors.
+"""Measures CPU steal: the host of this virtual machine runs other machines, and a virtual processor stops.
 
 On each processor a real-time process repeatedly sleeps for a millisecond, with a priority above all other processes. If
-a sleep takes longer, nothing ran on this processor in the meantime.
+a sleep takes longer, this processor was stopped in the meantime.
 """
 
 import multiprocessing
@@ -18,7 +18,7 @@ from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
 LEAST_S = 0.001
-"""Allowed excess of a sleep's duration, because of the operating system."""
+"""A sleep may take this much longer without CPU steal, because of the operating system."""
 PRIORITY = 50
 """Real-time priority of the process, 1 to 99: above the simulation's."""
 
@@ -27,10 +27,10 @@ Span = tuple[float, float]
 
 
 class CpuSteal:
-    """Context manager that monitors every processor. Afterwards ``spans`` are the periods in which any was stopped.
+    """Context manager that monitors every processor. Its exit sets ``spans``: periods in which a processor was stopped.
 
-    The periods are sorted and disjoint. ``spans`` is ``None`` if the system cannot be monitored, which needs Linux, and
-    root or the limit ``rtprio``.
+    The periods are sorted and disjoint. Monitoring needs Linux, and root or the limit ``rtprio``; otherwise ``spans``
+    is ``None``.
     """
 
     def __init__(self) -> None:
@@ -70,8 +70,8 @@ class CpuSteal:
 def watch(processor: int, end: Connection) -> None:
     """Main function of the process that monitors one processor.
 
-    Sends through ``end`` whether the system allows this. After a message from ``end`` it sends the periods without
-    processor time, and ends.
+    Sends through ``end`` whether the system allows monitoring. After it receives a message from ``end``, it sends the
+    periods in which the processor was stopped, and exits.
     """
     spans: list[Span] = []
     allowed = _keep_to(processor)
@@ -108,11 +108,14 @@ def merge_spans(spans: list[Span]) -> list[Span]:
 
 
 def overlap_s(spans: list[Span], began_s: float, ended_s: float) -> float:
-    """Overlap in seconds of the period from ``began_s`` to ``ended_s`` with disjoint spans."""
+    """Returns the overlap in seconds of disjoint spans with the period from ``began_s`` to ``ended_s``."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
 def without_overlap(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
-    """Boolean mask (n,): periods, given by beginnings and ends (n,), that overlap no span of sorted, disjoint spans."""
+    """Returns a mask (n,) of the periods from ``began_s`` to ``ended_s`` (n,) that overlap no span.
+
+    The spans are sorted and disjoint.
+    """
     begins_s, ends_s = np.array([*spans, (np.inf, np.inf)]).T
     return ended_s < begins_s[np.searchsorted(ends_s, began_s)]

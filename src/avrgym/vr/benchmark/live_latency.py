@@ -50,14 +50,14 @@ Spread = dict[str, float]
 class VrSpeed:
     """Results of a live, recorded trial in one environment.
 
-    ``rate_hz``: ticks per second. ``tick_ms``: duration of a tick. ``processor_ms``: processor time of its thread.
+    ``rate_hz``: ticks per second. ``tick_ms``: duration of a tick. ``processor_ms``: its processor time.
     ``missed_deadlines``: number of ticks that ended after the next one was due, or were skipped. ``missed_running``:
     number of these that would also have been late without CPU steal; ``None`` if CPU steal was not measured, see
     ``cpu_steal``. ``round_trip_ms``: time from sending a tracking frame to the arrival of the first state that includes
     it. ``stages_ms``: its stages: from client to server, in the queue until the next tick, the tick until its state is
     sent, and from server to client. ``undisturbed_…``: only ticks and round trips without CPU steal; ``None`` if there
-    are none, or it was not measured. ``stolen_s``: CPU steal of all processors during the trial, as the system reports
-    it.
+    are none, or CPU steal was not measured. ``stolen_s``: CPU steal of all processors during the
+    trial, as the system reports it.
     """
 
     env: str
@@ -75,7 +75,9 @@ class VrSpeed:
 
 
 def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> VrSpeed:
-    """Measure one environment for ``seconds``, with a policy of ``policies.registry.find`` or an untrained network.
+    """Measure a trial of ``seconds`` in one environment.
+
+    ``policy`` is a name that ``policies.registry.find`` accepts; ``None``: an untrained network.
 
     Raises:
         ValueError: for an unknown environment or policy. The message lists the allowed values.
@@ -115,7 +117,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 
 def _untrained(environment_id: str) -> Policy:
-    """A network with random weights and the size of trained networks, which needs the same time."""
+    """A network with random weights. It has the size of trained networks and needs the same computing time."""
     size, actions = sizes(environment_id)
     random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
@@ -145,7 +147,7 @@ class _Times:
         self.stolen_s = 0.0
 
     def watch(self, loop: RealTimeLoop[Session]) -> None:
-        """Store the times at which frames reach a loop's inbox."""
+        """Store the times at which tracking frames reach a loop's inbox."""
         post = loop.post
 
         def note(message: Received) -> None:
@@ -196,11 +198,11 @@ class _TimedSession(Session):
 
 
 Trips = dict[int, tuple[float, float]]
-"""Times by number of the tracking frame: its sending, and the arrival of the first state that includes it."""
+"""By number of the tracking frame: the time of its sending, and of the arrival of the first state that includes it."""
 
 
 def _attend(server: LiveServer[Session], seconds: float) -> Trips:
-    """Run the client's process until the trial is over. Returns its round trips."""
+    """Run the client's process until the trial is over. Returns the round trips of the trial."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
         target=run_client,
@@ -229,7 +231,7 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
 
 
 def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
-    """Main function of the client's process: calibrate, send tracking, and return the round trips of the trial."""
+    """Main function of the client's process: calibrate, send tracking, and send the round trips to ``results``."""
     with connect(url, max_size=None) as socket:
         socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
         results.send(_Client(socket, environment_id).run())
@@ -323,7 +325,10 @@ def _missed(late: list[LateTick]) -> int:
 
 
 def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
-    """The late ticks whose delay exceeds the CPU steal since the first of a sequence of late ticks."""
+    """Returns the late ticks that would also have been late without CPU steal.
+
+    Their delay exceeds the CPU steal since the first late tick of an uninterrupted sequence of late ticks.
+    """
     running: list[LateTick] = []
     began_s, next_s = -np.inf, -np.inf
     for tick in late:
@@ -340,7 +345,7 @@ def _spread(seconds: FloatArray) -> Spread:
 
 
 def _undisturbed(stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray) -> Spread | None:
-    """Percentiles of the durations of events without CPU steal."""
+    """Returns percentiles of the durations of events without CPU steal; ``None`` if there are none."""
     if stood_still is None:
         return None
     alone = without_overlap(stood_still, began_s, began_s + took_s)

@@ -31,7 +31,8 @@ FRAME_S = 1.0 / 72.0
 _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
-"""Script that hides the controls over the picture. The page's security policy forbids style sheets of Playwright."""
+"""Script that hides or shows the controls over the picture. The page's security policy forbids style sheets of
+Playwright."""
 TIMEOUT_S = 60.0
 PHASE_LIMIT_S = 600.0
 """Maximum duration of a phase, also on a slow computer."""
@@ -42,7 +43,7 @@ class BrowserMissingError(RuntimeError):
 
 
 def find_chromium() -> str | None:
-    """The path of the installed Chromium; ``None``: use Playwright's Chromium."""
+    """Returns the path of the installed Chromium; ``None`` if there is none, and Playwright's Chromium is used."""
     return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
 
 
@@ -56,8 +57,8 @@ class EmulatedHeadset:
 
         Args:
             url: the participant's address.
-            width: of the pictures of both eyes together, pixels.
-            height: of the pictures, pixels.
+            width: width of the pictures of both eyes together, pixels.
+            height: height of the pictures, pixels.
             query: further parameters: ``&detail=full`` draws in full quality, ``&headset=vive`` emulates the inputs
                 of that headset (names are in the client's ``emulated-devices.ts``).
             script: runs before the scripts of the page.
@@ -131,7 +132,7 @@ class EmulatedHeadset:
             self.wait_for_frames(2)
 
     def begin_stop(self, method: str) -> None:
-        """Begin a stop gesture and hold it."""
+        """Begin an emergency stop with this stop method, and keep its input active."""
         match method:
             case "button":
                 self.call("holdMenu", "left", True)
@@ -148,7 +149,7 @@ class EmulatedHeadset:
                 self.call("lookAt", self.call("stop")["sign"])
 
     def wait_for_frames(self, count: int) -> None:
-        """Wait until the page has drawn some more XR frames."""
+        """Wait until the page has drawn ``count`` more XR frames."""
         drawn = self.call("framesDrawn")
         self.page.wait_for_function(
             "([drawn]) => window.avrgymEmulator.framesDrawn() >= drawn", arg=[drawn + count]
@@ -162,7 +163,7 @@ class EmulatedHeadset:
         self.select()
 
     def screenshot(self, path: Path) -> Path:
-        """Save the participant's view, both eyes."""
+        """Save the participant's view, both eyes. Returns the path."""
         self.page.evaluate(_SHOW_CONTROLS, "hidden")
         self.page.screenshot(path=path)
         self.page.evaluate(_SHOW_CONTROLS, "")
@@ -172,7 +173,7 @@ class EmulatedHeadset:
 BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
 """Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
-"""Delay in each phase, after which a demonstration takes a picture of the participant's view."""
+"""By phase: delay after its start at which a demonstration takes a picture of the participant's view."""
 
 
 class BrowserClient:

@@ -14,7 +14,7 @@ MAX_START_ATTEMPTS = 4
 """Maximum number of attempts to start a trial."""
 TRACKING_EVERY_TICKS = 2
 STATE_EVERY_TICKS = 2
-"""Interval at which participants of dry runs receive a state. Changing it changes the results of a seed."""
+"""Interval at which participants of dry runs receive a state. Another interval changes the results of a seed."""
 
 
 class InProcessClient:
