@@ -12,7 +12,7 @@ from avrgym.geometry.arrays import moved_to, namespace
 def checked_actions(
     actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
 ) -> FloatArray:
-    """Returns actions as an array of double precision. Rows of the mask ``ignored`` (N,) become zero.
+    """Returns actions as an array in double precision. Actions of the worlds in the mask ``ignored`` (N,) become zero.
 
     Raises:
         ValueError: for a wrong shape, or numbers that are not finite.
@@ -37,10 +37,11 @@ def _allowed_actions(shape: tuple[int, ...]) -> str:
 
 
 class DeviceActions:
-    """Checks actions on a device without copies to the host. ``raise_invalid`` reports invalid numbers later."""
+    """Checks actions on the engine's device, without copies to the host. ``raise_invalid`` later reports numbers that
+    are not finite."""
 
     def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
-        """Check actions (N, J) next to the array ``exemplar``."""
+        """Create checks of actions (N, A) that have the device and the data type of the array ``exemplar``."""
         self._shape, self._exemplar = (num_worlds, action_size), exemplar
         self._invalid: Any = moved_to(np.zeros(num_worlds, dtype=bool), exemplar)
 

@@ -1,4 +1,5 @@
-"""Behaviour model of N people: joint targets of people who are still, have tremor, cooperate, or are zoo partners."""
+"""Behaviour model of N people: computes their joint targets. People are still, have tremor, cooperate, or behave like
+partners of the zoo."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -69,8 +70,8 @@ class BehaviourModel:
         return partner_behaviour.initial_state(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
-        """Move the targets of joints for a control step. Actions (N, K) are speeds as shares of unhurried people's
-        speeds."""
+        """Move the targets of the joints ``joints`` for one control step. Actions (N, K) are speeds, divided by the
+        speeds of unhurried people."""
         targets = partner_behaviour.steer_targets(self._state.targets_rad, joints, action)
         self._state = replace(self._state, targets_rad=limit(targets))
 
@@ -89,7 +90,8 @@ class BehaviourModel:
             observe: returns the observation of the people; called only for people who react to it.
             people: their bodies.
             limit: limits joint angles to the people's ranges.
-            which: worlds (N,) that take the step; ``None`` for all. The targets of others have no meaning.
+            which: mask (N,) of the worlds that take the step; ``None``: all. The returned targets of other worlds have
+                no meaning.
         """
         state = self._state
         if isinstance(state, PartnerState):
@@ -113,6 +115,6 @@ class BehaviourModel:
 
 
 def _tremor_direction(time_s: FloatArray) -> FloatArray:
-    """The sign (N, 1) of the tremor, −1 or 1, which alternates."""
+    """The sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step."""
     odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]

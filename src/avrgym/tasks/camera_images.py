@@ -57,7 +57,8 @@ class CameraImages:
         self._models: dict[str, _SexModel] = {}
 
     def images(self, worlds: Iterable[int] | None = None) -> Images:
-        """Images (n, ...) of the present state of some worlds, or of all; see ``CameraSpec`` for their types.
+        """Returns images (n, ...) of the present state of ``worlds`` (default: all), by entry name. See ``CameraSpec``
+        for their types.
 
         Raises:
             RuntimeError: if rendering fails. The message contains a setting that may help.
@@ -90,7 +91,8 @@ class CameraImages:
         self.close()
 
     def _graphics(self) -> AbstractContextManager[None]:
-        """Makes the graphics context current."""
+        """Returns a context manager that makes the graphics context current. The first call creates the graphics
+        context."""
         if self._context is None:
             error = graphics_error()
             if error is not None:
@@ -166,7 +168,7 @@ class _SexModel:
         self._shown = key
 
     def render(self, camera: CameraSpec, out: dict[Kind, NumpyArray]) -> None:
-        """Render the kinds of a camera into arrays."""
+        """Render a camera's images into the arrays ``out``, by kind of image."""
         model, scene = self.model, self._scene
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera.name).id
@@ -192,7 +194,8 @@ class _SexModel:
             out["segmentation"][:] = self._segmented(colours)[::-1]
 
     def _outside(self, camera: CameraSpec, number: int) -> BoolArray:
-        """Boolean mask of geoms that are completely outside of an image. Without them, rendering is a fifth shorter."""
+        """Boolean mask of geoms that are completely outside of an image. Without them, rendering takes a fifth less
+        time."""
         model, data = self.model, self._data
         pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
         radius, ahead = model.geom_rbound, -pos[:, 2]
@@ -223,15 +226,16 @@ def _owned_context() -> Any:
     """
 
     def ignore(context: Any) -> None:
-        """Leave the context to its owner."""
+        """Does nothing: ``CameraImages.close`` frees the context."""
 
     return type("_OwnedContext", (mujoco.GLContext,), {"__del__": ignore})
 
 
 @cache
 def graphics_error() -> str | None:
-    """The reason why nothing can be rendered; cached, because a second attempt without a graphics library ends the
-    process.
+    """Returns the reason why nothing can be rendered, or ``None`` if rendering works.
+
+    The result is cached: a second attempt without a graphics library ends the process.
     """
     try:
         with warnings.catch_warnings():

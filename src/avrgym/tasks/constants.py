@@ -1,4 +1,4 @@
-"""Names and constants of the packaged tasks, without importing them."""
+"""Names and constants of the packaged tasks and robots. This module does not import the tasks."""
 
 from itertools import product
 
@@ -30,7 +30,7 @@ PAPER_ENVIRONMENTS = tuple(
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
-    """Exceptions after which a command over all environments skips this one and reports it.
+    """Returns the exceptions after which a command over all environments skips this environment and reports it.
 
     Plug-ins may raise any exception.
     """

@@ -68,7 +68,7 @@ class ActionSource(Protocol):
 
 
 class ControlLoop:
-    """Steps N worlds by control steps: at once with ``step``, or in ticks of 10 ms with ``tick``.
+    """Steps N worlds: a whole control step with ``step``, or one tick of 10 ms with ``tick``.
 
     Two layers may replace commanded actions, in this order: ``withdrawal`` after success, then ``guard``. Without guard
     and recorder, ``step`` runs all physics steps between two commands in one call.
@@ -101,7 +101,7 @@ class ControlLoop:
         self._substep, self._was_held = 0, False
         self._substeps = episodes.scene.substeps
         self._observation: FloatArray | None = None
-        """Observations (N, O) of the present state; only directly after a control step."""
+        """Observations (N, O) of the present state directly after a control step, otherwise ``None``."""
         self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
         self.applied_action: FloatArray | None = None
         """The action (J,) of the first world if it changed at the latest tick, otherwise ``None``."""
@@ -139,7 +139,7 @@ class ControlLoop:
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
-        """Add the layers' reports to a step, given the commanded actions (N, J)."""
+        """Returns the step with the layers' reports, given the commanded actions (N, J)."""
         if self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
@@ -171,7 +171,7 @@ class ControlLoop:
         return self._finish()
 
     def _execute(self, actions: FloatArray) -> None:
-        """Start a control step."""
+        """Start a control step with actions (N, J), which the guard may override."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
         self._episodes.command(self._executed)
 

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 EFFORT = "action_squared"
 """The reward term of the action penalty, which depends on the agent."""
 REACHED_M = 0.01
-"""Maximum distance of the tool from its place at the start, with a base or table that the user placed."""
+"""Maximum distance of the tool from its intended initial position, if the user placed the base or the table."""
 MAX_REACH_DRAWS = 10
-"""Maximum number of samples out of reach then."""
+"""Maximum number of samples in this case, if the intended initial position is out of reach."""
 MAX_START_DRAWS = 100
 """Maximum number of samples until an initial state without overlapping bodies is found."""
 
@@ -175,7 +175,7 @@ class Episodes:
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Arguments and state: a copy continues bit-identically. It reads a people file again."""
+        """Returns arguments and state. A copy continues bit-identically; it reads a file of people again."""
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
@@ -336,7 +336,8 @@ class Episodes:
         self.command_people_by_themselves()
 
     def command_people_by_themselves(self) -> None:
-        """Command people who move by themselves with the targets of their next 0.1 s, where these begin."""
+        """Set the joint targets for the next 0.1 s of people who move by themselves, in worlds in which such an
+        interval begins."""
         if self._people.move:
             self.simulation.command_person(*self._people.step(self.simulation.state))
 
@@ -363,7 +364,7 @@ class Episodes:
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
         """Evaluate the control step that ends now, given its actions (N, J). Remove particles that left the task.
 
-        Rewards and their terms become 0 in the worlds ``unrewarded`` (N,).
+        Rewards and their terms become 0 in the worlds of the mask ``unrewarded`` (N,).
         """
         state = self.simulation.state()
         clipped = namespace(actions).clip(actions, -1.0, 1.0)
@@ -427,7 +428,7 @@ class Episodes:
         The first call compiles the appearance. Rendering changes no state.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with a setting that may help.
+            RuntimeError: if nothing can be rendered. The message contains a setting that may help.
         """
         if self._images is None or self._images.cameras != tuple(cameras):
             from avrgym.tasks.camera_images import CameraImages  # states alone load no graphics library

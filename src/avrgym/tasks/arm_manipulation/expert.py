@@ -22,23 +22,26 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.04, 0.4
-"""In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Its target is up to ``BEFORE_M`` lower while its
-lateral offset exceeds ``FREE_M``. ``ALONG_WEIGHT``: weight of offsets along the forearm."""
+"""In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Before contact, the scooper's target is up to
+``BEFORE_M`` lower, while the lateral offset of the scooper exceeds ``FREE_M``. ``ALONG_WEIGHT``: weight of offsets
+along the forearm."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03
-"""The forearm also moves to the person's left if its missing height is less than this."""
+"""The scooper also moves the forearm to the person's left if the forearm is less than this below the carrying
+height."""
 INSIDE_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145
-"""Smallest x of the forearm's lifted point during lifting. The far rim of the scooper is there clear of the armrest."""
+"""Smallest x coordinate of the forearm's lifted point while the forearm is lifted. There the far rim of the scooper
+does not touch the armrest."""
 AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
-"""Maximum vertical distance of the target from the forearm, its height above the carrying height, and the maximum and
-minimum speed."""
+"""Maximum vertical distance of the target from the forearm, height of the target above the carrying height, and maximum
+and minimum speed of the scooper."""
 
 
 def heading_w(scene: SceneConfig) -> FloatArray:
-    """Direction (3,) of the handle, from the hand to the trough; world frame."""
+    """Direction (3,) of the scooper's handle, from the robot's hand to the trough; world frame."""
     return np.array([1.0, -0.4, 0.0] if scene.mount.on_floor else [1.0, 0.0, 0.0])
 
 
@@ -51,7 +54,7 @@ def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
 
 
 def lifting(episodes: RunningEpisodes) -> Controller:
-    """The expert for the robot of these episodes."""
+    """Returns the expert for the robot of these episodes."""
     return FeedbackExpert(episodes, partial(lift, heading=heading_w(episodes.scene)))
 
 
@@ -74,7 +77,8 @@ def lift(
 
 
 def _beside_m(state: State) -> FloatArray:
-    """Lateral offset (N,) of the scooper from the forearm. Offsets along the forearm count less: it glides."""
+    """Distance (N,) of the scooper from the forearm's lifted point, without the component along ``upwards_w``. Offsets
+    along the forearm have the weight ``ALONG_WEIGHT``, because the scooper glides along the forearm."""
     offset = state.tool_pos_w - lifted_pos_w(state)
     along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW], (0.0, 0.0, 1.0))
     along, up = ((offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, upwards_w(state)))

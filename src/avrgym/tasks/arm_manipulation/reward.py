@@ -30,12 +30,13 @@ LIFTED_SHARE = 0.8
 """Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1): near the centre of mass of forearm
 and hand."""
 UPPER_SIDE, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
-"""The side of a resting forearm that faces up, in its frame, and its weight relative to the vertical."""
+"""Direction that points up on a resting forearm, in the forearm's frame, and weight of this direction relative to the
+vertical; see ``upwards_w``."""
 RESTING_X_M = -ARMREST_X_M
 RESTING_M = 0.03
 """Height of a resting forearm's axis above the armrest: the mean of the forearms' radii."""
 SAMPLES = (np.arange(10) + 0.5) / 10.0
-"""Points of the forearm, from the elbow (0) to the wrist (1)."""
+"""Sampled points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
 """Success: this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
 
@@ -107,7 +108,8 @@ def lifted_pos_w(arm: RightArm) -> FloatArray:
 
 
 def upwards_w(arm: RightArm) -> FloatArray:
-    """Direction across the forearm that points up (N, 3), defined for vertical forearms as well; world frame."""
+    """Unit vectors (N, 3) perpendicular to the forearms that point up; world frame. They are defined for vertical
+    forearms as well."""
     q_w = arm.right_arm_q_w[:, ELBOW]
     up_w = constant_like(UP, q_w) + UPPER_SIDE_WEIGHT * transforms.rotate(q_w, constant_like(UPPER_SIDE, q_w))
     along_w = transforms.rotate(q_w, constant_like(UP, q_w))
@@ -115,7 +117,8 @@ def upwards_w(arm: RightArm) -> FloatArray:
 
 
 def to_armrest_m(arm: RightArm) -> FloatArray:
-    """Distances (N, 2) of the lifted point from its rest position, to the person's left and up; 0 if it is beyond."""
+    """Distances (N, 2) from the lifted point to its rest position: to the person's left, and up. A distance is 0 if the
+    point has passed the rest position in this direction."""
     pos_w = lifted_pos_w(arm)
     xp = namespace(pos_w)
     way = xp.stack([RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_M - pos_w[:, 2]], axis=-1)
@@ -130,6 +133,7 @@ def returned_share(arm: RightArm) -> FloatArray:
 
 
 def _is_above(pos_w: FloatArray) -> BoolArray:
-    """Boolean mask (N,): points (N, 3) that are higher than the armrest, and neither outside nor in front of it."""
+    """Boolean mask (N,): points (N, 3) that are higher than the armrest, and neither on its outer side nor in front of
+    it."""
     beside = pos_w[:, 0] < RESTING_X_M - ARMREST_HALF_WIDTH_M
     return ~beside & (pos_w[:, 1] > ARMREST_FRONT_Y_M) & (pos_w[:, 2] > ARMREST_TOP_M)

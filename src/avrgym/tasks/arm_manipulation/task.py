@@ -45,7 +45,8 @@ LIMP_STRENGTH_SHARE = {
 resist lifting in place of the arm's weight: 0.75 N m at the elbow, 1.8 N m against swinging the upper arm, 0.3 N m
 against lowering it to the body."""
 START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
-"""Maximum random offset of the scooper at the start, and its largest x, at which it is clear of the wheel."""
+"""Maximum random offset of the scooper at the start, and largest x coordinate of the scooper before this offset is
+added. There the scooper does not touch the wheel."""
 
 
 def scene(robot: Robot) -> SceneConfig:
@@ -82,7 +83,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Tool, forearm, both arms and tool force."""
+    """The observation: tool, forearm, joints of the robot's arm, positions of the person's arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

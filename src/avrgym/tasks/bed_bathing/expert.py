@@ -23,7 +23,8 @@ SWEEPS = (
     (FOREARM, np.radians(125.0), 1.0, 0.0),
     (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
-"""Limb, angle around it (from its top outwards), and first and last position along it (0 at the shoulder's end)."""
+"""For each sweep: the limb, the angle around the limb (0 at its top, positive outwards), and the first and last
+position along the limb (0 at the end nearer to the shoulder, 1 at the other end)."""
 MIN_SWEEPS = 4
 """Minimum number of sweeps. The other sweeps are made only while too few markers are wiped."""
 APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
@@ -86,7 +87,7 @@ class BedBathingExpert:
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
-        """Boolean mask (N,): worlds without progress for too long."""
+        """Boolean mask (N,): worlds without progress for more than ``STUCK_STEPS`` control steps."""
         nearer = left_m < self._left_m - MIN_PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
@@ -96,14 +97,14 @@ class BedBathingExpert:
 def cloth_pose(
     state: State, limb: IntArray, angle_rad: FloatArray, share: FloatArray, above_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Cloth positions (N, 3) and rotations (N, 4) that face a limb; world frame.
+    """Cloth positions (N, 3) and rotations (N, 4) with the wiping face towards a limb; world frame.
 
     Args:
         state: physical state of N worlds.
         limb: 0 for the upper arm, 1 for the forearm (N,).
         angle_rad: angle around the limb, from its top outwards (N,).
         share: position along the limb, 0 at its upper end to 1 (N,).
-        above_m: distance of the face from the skin (N,).
+        above_m: distance of the wiping face from the skin (N,).
     """
     at = limb_frame(state, limb)
     normal = (
@@ -127,7 +128,7 @@ class LimbFrame(NamedTuple):
 
 
 def limb_frame(state: State, limb: IntArray) -> LimbFrame:
-    """Frame of the upper arm (0) or the forearm (1), (N,), in N worlds."""
+    """Returns the frames of the limbs ``limb`` (N,) in N worlds: 0 for the upper arm, 1 for the forearm."""
     world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
     end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)
     length_m = norm(end_w - start_w)

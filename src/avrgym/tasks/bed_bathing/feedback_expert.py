@@ -28,16 +28,17 @@ from avrgym.tasks.task import TaskState
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
 """Angles around the arm, from its top outwards, of the motion towards the hand and of the motion back."""
 BORDER_RAD, ELBOW_BORDER_RAD, BORDER_WIDTH_RAD = np.radians(43.0), np.radians(22.0), 0.1
-"""Angle that separates both directions, the same at the elbow (where the cloth is tilted), and width of the
-transition."""
+"""Angle around the arm that separates the motion towards the hand from the motion back, this angle at the elbow (where
+the cloth is tilted), and width of the transition."""
 TURN_BACK_POSITION, TURN_BACK_WIDTH = 2.9, 0.08
 """Position along the arm at which the cloth turns back, and width of the transition."""
 LOOKAHEAD, MAX_LOOKAHEAD_RAD = 0.3, 0.8
-"""Distance of the target along the arm, and largest angle around it."""
+"""Distance from the cloth to its target, in positions along the arm, and largest angle to the target around the arm."""
 APPROACH_HEIGHT_M, APPROACH_END_HEIGHT_M = 0.045, 0.02
-"""Height above which the cloth is approaching, and height of the approach's end."""
+"""Heights above the skin: the cloth approaches the arm while it is above the first; the approach ends at the second."""
 LIFT_M, MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE = 0.03, 0.01, 0.05
-"""Height across the elbow, height below which the cloth advances, and lowest share of its speed."""
+"""Height of the cloth at the elbow, height below which the cloth advances along the arm, and smallest share of its
+speed."""
 DEPTH_GAIN_M_N, MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M, NO_CONTACT_STEP_M = 0.0003, -0.002, 0.001, 0.006
 """Gain of the depth step per newton, limits of the step, and depth step without contact."""
 HEIGHT_RANGE_M = (-0.03, 0.01)

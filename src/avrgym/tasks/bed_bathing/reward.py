@@ -1,9 +1,9 @@
 """Reward of bed bathing: markers wiped off the right arm, and the preferences of the person.
 
-Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within 2.5
-cm of it. For a flat pad on a round limb, MuJoCo reports only the ends of the contact line. The touched points are
-therefore the segment between the first and the last contact along the limb. Only contacts within 2.5 cm of the limb's
-surface count.
+Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's wiping face touches the person
+within 2.5 cm of it. For a flat pad on a round limb, MuJoCo reports only the ends of the contact line. The touched
+points are therefore the segment between the first and the last contact along the limb. Only contacts within 2.5 cm of
+the limb's surface count.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,8 @@ from avrgym.tasks.task import StepResult
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
 MIN_RIM_COSINE = 0.26
-"""Cosine of 75°, the maximum angle between the face's normal and a contact normal at its rim."""
+"""Cosine of 75°: the maximum angle between the normal of the wiping face and a contact normal at the rim of this
+face."""
 SUCCESS_SHARE = 0.30
 
 WEIGHTS: Mapping[str, float] = {

@@ -26,7 +26,7 @@ from avrgym.tasks.task import Marks, Task, View, Views
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
 START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
-"""The cloth's long side along the arm, its face towards the person and downwards."""
+"""Initial rotation of the cloth: its long side is along the arm, its wiping face towards the person and downwards."""
 
 POSE = Pose(
     rest_rad=human.joint_angles(
@@ -48,8 +48,8 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the hand is above the person's right arm and to its right. The base reaches shoulder, elbow and
-    wrist."""
+    """Initial states: the robot's hand is above the person's right arm and to its right. The goals of the base search
+    are shoulder, elbow and wrist."""
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
@@ -71,7 +71,8 @@ def observation(scene: SceneConfig) -> Observation:
 
 
 def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
-    """Positions of the remaining markers (N, 2 × ``MARKERS``, 3); world frame. Others are below the floor."""
+    """Positions of the remaining markers (N, 2 × ``MARKERS``, 3); world frame. The positions of all other markers are
+    below the floor."""
     drawn = above_sleeve(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)

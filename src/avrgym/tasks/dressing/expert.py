@@ -1,4 +1,4 @@
-"""Experts for dressing: draw the opening along the arm, from before the hand to the shoulder.
+"""Experts for dressing: draw the sleeve's opening along the arm, from a point in front of the hand to the shoulder.
 
 The target depends on the present state only. The opening faces along the arm; its direction changes gradually at wrist
 and elbow. The robot's hand is on the outer side of the person's arm.
@@ -26,8 +26,8 @@ BEND_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
 LOOKAHEAD_M = 0.05
 CENTRED_M, LATERAL_GAIN = 0.03, 1.5
-"""The opening moves over the hand if its centre is within ``CENTRED_M`` of the arm's axis. Otherwise it waits before
-the hand; ``LATERAL_GAIN`` times the excess is added to its distance."""
+"""The opening moves over the hand if its centre is within ``CENTRED_M`` of the arm's axis. Otherwise the opening waits
+in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN`` times the excess."""
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 8.0
 """The speed falls from full to zero between these forces on the person."""
@@ -48,7 +48,8 @@ class PathPosition(NamedTuple):
 
 
 def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
-    """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines the side of the hand."""
+    """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines on which side of the arm
+    the robot's hand is."""
     xp = namespace(along_w)
     side = constant_like(HELD_FROM_FLOOR_W if scene.mount.on_floor else HELD_FROM_MOUNTED_W, along_w)
     across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
@@ -77,7 +78,7 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
 
 
 def _path_position(pos_w: FloatArray, path: ArmPath) -> PathPosition:
-    """Positions (N, 3) relative to the arm. The first section continues before the hand."""
+    """Returns positions (N, 3) relative to the arm. The first section of the path continues in front of the hand."""
     ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     inside_m = np.minimum(np.maximum(ahead_m, low), path.length_m)
@@ -99,14 +100,14 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class DressingExpert:
-    """Draws the sleeve along the arm, and continues from the servo targets."""
+    """Draws the sleeve along the arm. Each step starts at the servo targets."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin at the present joint angles."""
         self._episodes, self._planner = episodes, MotionPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Actions (N, J)."""
+        """Returns the actions (N, J) of the next control step."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = drawing_target(state, task_state, self._planner)
         return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)

@@ -58,8 +58,8 @@ class DressingState:
 class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
-    ``begin_w`` and directions ``along_w`` (N, 3, 3), lengths ``length_m`` and distances of their ends from the hand's
-    centre ``end_m`` (N, 3).
+    For each section: start point ``begin_w`` and direction ``along_w``, (N, 3, 3) each; length ``length_m``, and
+    distance ``end_m`` of its end from the hand's centre along the arm, (N, 3) each.
     """
 
     begin_w: FloatArray
@@ -136,7 +136,7 @@ def arm_path(state: State) -> ArmPath:
 
 
 def opening_on_arm(state: State, path: ArmPath) -> Opening:
-    """The openings relative to the arms. The section nearest to the opening's centre is used."""
+    """Returns the openings relative to the arms, at the section of the arm that is nearest to the opening's centre."""
     xp, rim_w = namespace(state.cloth_pos_w), state.cloth_pos_w[:, :AROUND]
     centre_w = rim_w.mean(axis=1)
     ahead_m = ((centre_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
@@ -150,7 +150,8 @@ def opening_on_arm(state: State, path: ArmPath) -> Opening:
 
 
 def winds_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
-    """Whether closed lines (N, R, 3) wind around axes through points (N, 3) with unit directions (N, 3)."""
+    """Boolean mask (N,): closed polylines (N, R, 3) that wind around their axis. Each axis has a point (N, 3) and a
+    unit direction (N, 3)."""
     xp, offset = namespace(rim_w), rim_w - point_w[:, None]
     across = offset[:, 0] - (offset[:, 0] * axis_w).sum(axis=-1)[:, None] * axis_w
     first = across / xp.maximum(norm(across), 1e-9)[:, None]

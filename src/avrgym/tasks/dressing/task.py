@@ -73,7 +73,7 @@ def _left_arm_from_torso(geom: int, end: int) -> EntryFunction:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Tool, both arms and tool force."""
+    """The observation: tool, joints of the robot's arm, positions of the person's left arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -27,7 +27,8 @@ CLEARANCE_M = 0.003
 POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
 """Offset of the pouring edge in front of the middle of the mouth and above it, because slow water flows backwards."""
 CARRY_TILT_RAD, POUR_START_TILT_RAD, EMPTY_TILT_RAD = np.radians([45.0, 70.0, 92.0])
-"""Tilts: of the approach, with the fingers below the chin; below which no water pours; at which the cup is empty."""
+"""Tilt during the approach (the robot's fingers are then below the chin), tilt below which no water pours, and tilt at
+which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_TILT_RAD), 5)
 """Tilts at which an approach is checked."""
@@ -57,7 +58,7 @@ class DrinkingExpert:
         self._way, self._before = self._plan(self._episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Actions (N, J)."""
+        """Returns the actions (N, J) of the next control step."""
         state, planner = self._episodes.state(), self._planner
         self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
@@ -71,8 +72,8 @@ class DrinkingExpert:
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
-        """Choose an approach that is fast and brings the rim near the mouth. Returns it with its first joint angles (N,
-        J)."""
+        """Choose an approach that is fast and brings the rim near the mouth. Returns the approach and the joint angles
+        (N, J) at its start."""
         worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in APPROACH_YAWS_DEG for roll in APPROACH_ROLLS_DEG])
         tried = [self._try(state, Approach(*np.tile(approach[:, None], len(worlds)))) for approach in ways]
@@ -81,7 +82,7 @@ class DrinkingExpert:
         return Approach(*ways[best].T), before[best, worlds]
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
-        """Cost (N,) and first joint angles (N, J) of an approach."""
+        """Returns the cost (N,) of an approach in seconds, and the joint angles (N, J) at its start."""
         pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup)
         before_w = pos_w - STANDOFF_M * transforms.rotate(yaw_q_w(state, approach), FORWARD)
         angles, seconds = (

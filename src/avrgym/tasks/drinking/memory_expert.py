@@ -1,11 +1,11 @@
 """Memory-based expert for drinking. Recurrent policies imitate it.
 
-- Near the lips the cup moves slowly, because the face of the person follows the cup. When the person leans forward, it
-  retreats faster.
+- Near the lips the cup moves slowly, because the face of the person follows the cup. When the person leans forward, the
+  cup retreats faster.
 - The cup pours only into a mouth at rest, and stops when the mouth moves. With less water in the cup, pouring begins at
   a larger tilt. Up to this tilt the cup tilts quickly, so short rests are enough.
-- While the person looks away, the cup waits where the face is expected to return. If the face looked there from the
-  start, the cup does not wait.
+- While the person looks away, the cup waits where the face is expected to return. The cup does not wait if the face has
+  had this direction since the start.
 - The cup stays on its side of the head. It rotates about its axis to pour over the part of the rim at the lips.
 - The cup always approaches slightly rotated: the hand is then lower, where the arm reaches farther.
 """
@@ -51,9 +51,9 @@ LOOK_AWAY_RAD, FAR_LOOK_AWAY_RAD, EXPECTED_FACE_RAD = np.radians([25.0, 33.0, 8.
 """Angles of the face: beyond the first it looks away. Between the first and the second, the expected angle decreases
 from the first to the third."""
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
-"""Minimum rotation since the start of a face that looks away."""
+"""A face looks away only if it has rotated by at least this angle since the start."""
 MAX_PENETRATION_M = 0.001
-"""Penetration beyond which the cup retreats."""
+"""If the cup is farther than this past its goal, it retreats with at least ``RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
 """Additional standoff of a waiting cup."""
 LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M = 0.025, 0.042
@@ -64,7 +64,7 @@ MIN_MIDPLANE_DISTANCE_M, MAX_LIP_OFFSET_M = 0.01, 0.04
 TURN_COMPENSATION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
-"""Angle to the left of a face that looks at the cup."""
+"""Angle by which a face that looks at the cup is turned to the left."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
@@ -80,7 +80,7 @@ class MemoryExpert:
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Actions (N, J)."""
+        """Returns the actions (N, J) of the next control step."""
         planner, state = self._planner, self._episodes.state()
         planner.relax()
         rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * self._planner.scene.control_step_s
@@ -133,7 +133,8 @@ def _next_tilt_rad(
     rests: BoolArray,
     away: BoolArray,
 ) -> FloatArray:
-    """Target tilt (N,) for the present tilt, the pouring tilt and the distance to the lips."""
+    """Target tilt (N,), from the present tilt, the pouring tilt and the distance to the lips (N,). ``rests``: the mouth
+    is at rest; ``away``: the face looks away."""
     calm_rad = pours_rad - SPILL_MARGIN_RAD
     pours = (distance_m < POUR_START_DISTANCE_M) & ~away & (rests | (tilt < calm_rad))
     on = tilt + step_s * np.clip(TILT_GAIN_PER_S * (pours_rad - tilt), POUR_SPEED_RAD_S, TURN_SPEED_RAD_S)
@@ -178,7 +179,8 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
     """Lateral offset (N,) from the lips that keeps cups on their side of the head.
 
-    Beyond ``MAX_LIP_OFFSET_M`` it decreases, to zero at 1.5 times that value.
+    If the required offset exceeds ``MAX_LIP_OFFSET_M``, the returned offset decreases. It is zero if the required
+    offset is 1.5 times this value.
     """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)

@@ -36,7 +36,7 @@ def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the hand is within ±5 cm of a point in front of the person, the cup upright."""
+    """Initial states: the robot's hand is within ±5 cm of a point in front of the person, the cup upright."""
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)
@@ -46,7 +46,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def drinking(settings: Settings = DEFAULTS) -> Task:
-    """The task with cup and water of the settings."""
+    """Returns the task with the cup and the water of the settings."""
     name, particles = settings.tool or "cup", settings.particles or len(WATER.start)
     tool = cup(name, particles)
     shape = SHAPES[name]

@@ -56,7 +56,7 @@ class FeedbackExpert:
         self._planner = FeedbackPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Actions (N, J)."""
+        """Returns the actions (N, J) of the next control step."""
         self._planner.relax()
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)
@@ -64,14 +64,15 @@ class FeedbackExpert:
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
-    """Standoff (N,) from the goal along ``axis``, for tools whose distance from the axis exceeds ``free_m``."""
+    """Standoff (N,) from the goal along ``axis``, as in ``standoff_m``. The lateral offset is the part of ``offset``
+    (N, 3), from tool to goal, that is perpendicular to ``axis``."""
     return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
 
 
 def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """Standoff (N,) from the goal for lateral offsets (N,), in metres.
 
-    It is 0 up to the offset ``free_m``. Beyond this it increases linearly, to at most ``most_m``.
+    The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``most_m``.
     """
     return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
 

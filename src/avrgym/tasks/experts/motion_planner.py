@@ -22,12 +22,12 @@ COLLISION_COST_S, TILT_COST_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
 """Costs of a collision and of tool tilt, and the distance at which the collision cost begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
 YAW_GAIN_PER_S = 2.0
-"""Turn rate of a driving base for each radian off its direction at the start."""
+"""Turn rate of a driving base per radian of deviation from its initial yaw, 1/s."""
 UP = (0.0, 0.0, 1.0)
 
 
 class MotionPlanner:
-    """Plans the moving arms of N worlds from one control step to the next.
+    """Plans the motion of the robots' arms in N worlds, one control step at a time.
 
     Plans continue from the servo targets. Servo lag therefore does not slow the tool down. The first of the J joints of
     a driving robot is the travel of its base, see ``placement.planning_chain``.
@@ -114,7 +114,7 @@ class MotionPlanner:
     def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
     ) -> tuple[FloatArray, FloatArray]:
-        """Find joint positions for K tool poses per world, (N, K, 3) and (N, K, 4), near the present ones.
+        """Find joint positions near the present joint positions, for K tool poses per world, (N, K, 3) and (N, K, 4).
 
         Returns: Joint positions (N, K, J), and costs (N, K) in seconds. The cost is the duration of the motion, plus
             ``COLLISION_COST_S`` or more for a collision on the way (of the arm also at the end), plus
@@ -176,7 +176,8 @@ class MotionPlanner:
         return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
-        """Add multiples of 2π to joint positions (N, M, J): as near to the present positions as the ranges allow."""
+        """Returns joint positions (N, M, J), moved by whole turns to near the present positions where the ranges allow
+        this."""
         turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
         turned = joint_positions + 2.0 * np.pi * turns
         inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
@@ -226,7 +227,8 @@ def _limiting_share(step: FloatArray, longest: FloatArray | float) -> FloatArray
 
 
 def _limit_tilt(q_w: FloatArray, tilt_rad: float) -> FloatArray:
-    """Rotate (N, 4) by the smallest angle that brings the z axis within ``tilt_rad`` of the vertical."""
+    """Returns rotations (N, 4), turned by the smallest angle that brings their z axes within ``tilt_rad`` of the
+    vertical."""
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)
     sine = transforms.norm(axis)

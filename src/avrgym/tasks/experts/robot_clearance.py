@@ -82,7 +82,7 @@ def furniture_boxes(simulation: Simulation) -> Boxes:
 
 
 class Clearance:
-    """Distances of the arms of N worlds at any joint angles."""
+    """Computes the distances of the arms in N worlds from person and furniture, at any joint angles."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Store the arm's shape and the present poses of base and furniture."""
