@@ -11,9 +11,9 @@ from avrgym.models.robot import Grip
 from avrgym.models.scratcher import PINCH_M, SCRATCHER
 
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Rotation of a cup relative to a spoon: its x across the fingers."""
+"""Rotation of a cup relative to a spoon: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation of a washcloth relative to a spoon: its z across the fingers."""
+"""Rotation of a washcloth relative to a spoon: the washcloth's z axis is across the fingers."""
 TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
     "cup": CUP_ROTATION,
@@ -26,7 +26,7 @@ TOOL_ROTATIONS = {
 def parallel_grips(
     between_tips_m: ArrayLike, tip_end_m: float, pointing: FloatArray, **fingers: Mapping[str, float]
 ) -> dict[str, Grip]:
-    """Grips by tool. The fingers hold the scratcher farther back.
+    """Returns grips by tool. The fingers hold the scratcher farther behind its tip than other tools.
 
     Args:
         between_tips_m: point between the fingertips (3,), end effector's frame.

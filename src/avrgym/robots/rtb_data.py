@@ -13,7 +13,7 @@ def rtb_data_path(path: str) -> Path:
 
 
 def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> None:
-    """Add visual meshes of a folder of the package: file by body.
+    """Add visual meshes to bodies. ``meshes`` contains a file for each body, in the folder ``folder`` of the package.
 
     Raises:
         RuntimeError: without the packages that read the meshes.

@@ -8,7 +8,7 @@ from avrgym.models.robot import BaseRange, Mount
 
 STAND_BODY = "stand"
 HALF_WIDTH_M = 0.18
-"""Half the width of its square foot."""
+"""Half the width of the stand's square foot."""
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
 

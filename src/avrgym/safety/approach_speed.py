@@ -21,14 +21,15 @@ class ApproachSpeedMonitor(PerWorldState):
 
     Only the origin of the tool's pad is monitored. All arrays describe the latest control step. ``person_too_fast``
     (N,) marks worlds in which a region approaches the tool too fast by its own motion. ``closing_too_fast`` (N,) marks
-    worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is the region that exceeds its limit
-    most, ``speed_m_s`` (N,) its speed.
+    worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is the region whose approach speed is
+    highest relative to its limit, ``speed_m_s`` (N,) this speed.
     """
 
     STATE = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
-        """Limit speeds to those at which an impact causes the forces (R,) on the regions, newtons."""
+        """Allow contact speeds at which an impact causes at most the forces ``force_n`` (R,) on the regions,
+        newtons."""
         self._simulation = simulation
         self.allowed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()

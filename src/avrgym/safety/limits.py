@@ -41,7 +41,7 @@ class BodyRegion:
 
     @property
     def transient_limit_n(self) -> float:
-        """The limit of the force at any time."""
+        """The limit that the force must not exceed at any time, newtons."""
         return self.transient_factor * self.quasi_static_limit_n
 
 
@@ -63,11 +63,12 @@ BODY_REGIONS = (
     BodyRegion("thighs", 220.0, 2.0, 50.0, 75.0, _limbs("thigh")),
     BodyRegion("lower_legs", 130.0, 2.0, 60.0, 75.0, _limbs("shin", "foot")),
 )
-"""The order of all arrays of forces by region, (N, R). Forces on both sides of the body are added."""
+"""The body regions, in the order of all arrays of forces by region (N, R). Forces on the left and right side are
+added."""
 REGION_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }
-"""The index of each geom's region; geoms of a region are adjacent."""
+"""Index of the region of each geom. The geoms of a region are adjacent."""
 QUASI_STATIC_LIMIT_N: FloatArray = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
 TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in BODY_REGIONS])
 

@@ -34,7 +34,8 @@ DAMPING = 0.03
 BRAKING_TIME_S = 0.3
 """Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
 REGULARIZATION = 1e-6
-"""Regularization of the quadratic programme. It keeps it solvable if many links are near the person at once."""
+"""Regularization of the quadratic programme. The programme then has a solution also if many links are near the
+person."""
 
 
 class NearGaps(NamedTuple):
@@ -71,7 +72,7 @@ class Retreat:
             world: the index of the world.
             clear_m: the distance between mouth and tool at which the retreat is complete.
             free_m: the distance of tool and hand from the person at which the retreat is complete.
-            steps: number of steps that it has taken before.
+            steps: number of steps that the retreat has already taken.
             step_s: duration of a step.
         """
         self._simulation, self._world = simulation, world
@@ -97,7 +98,8 @@ class Retreat:
         self._steps, self._step_s = steps, step_s
 
     def action(self) -> FloatArray | None:
-        """Returns the action (J,) for the next step, or ``None`` at the end or after ``MAX_DURATION_S``."""
+        """Returns the action (A,) for the next step; ``None`` if the retreat is complete, or after
+        ``MAX_DURATION_S``."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -171,8 +173,8 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
     """Solve the quadratic programme: ``task`` (6, J) q closest to ``wish`` (6,), subject to ``rows`` (L, J) q ≥
     ``least``.
 
-    Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If that has no
-    solution, returns 0, which meets all constraints.
+    Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If the dual
+    programme has no solution, returns 0, which meets all constraints.
     """
     weighed = np.linalg.inv(task.T @ task + DAMPING**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish

@@ -187,7 +187,7 @@ def _arrive(
 
 
 def _merit(scores: Scores, goals: int) -> FloatArray:
-    """A merit of candidates; higher is better. Isotropies are at most 1, so their sum counts less than one more
+    """A merit of candidates; higher is better. Isotropies are at most 1; their sum therefore counts less than one more
     goal."""
     merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
     return np.where(scores.start_reached, merit, -scores.start_error_m)
@@ -201,7 +201,8 @@ def _solve_within_reach(
     iterations: int,
     tolerance: float,
 ) -> Solution:
-    """Inverse kinematics without poses that are out of reach. These get a rotation error of π in addition."""
+    """Returns solutions of the inverse kinematics. Poses out of reach are not solved: their position error is the
+    missing reach, and their rotation error is π."""
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.solve(

@@ -84,7 +84,7 @@ class Follower(NamedTuple):
 
 
 def _followers(model: mujoco.MjModel) -> tuple[Follower, ...]:
-    """The joints that equalities couple to others."""
+    """The joints that mimic other joints: equality constraints couple them."""
     return tuple(
         Follower(
             int(model.jnt_qposadr[model.eq_obj1id[each]]),

@@ -87,7 +87,7 @@ class StartClearance:
         self._clearance_m = np.array([*self._pairs.values()])
 
     def conflicts(self, geoms: Geoms, *, extra_clearance_m: float | None = None) -> list[Conflict | None]:
-        """Returns for each of n worlds the pair with the smallest clearance below its minimum, or ``None``.
+        """Returns for each of n worlds the pair of bodies that is farthest below its minimum clearance, or ``None``.
 
         With ``extra_clearance_m``, only pairs of robot and person are checked. Their minimum increases by this
         distance.
@@ -106,7 +106,8 @@ class StartClearance:
     def _conflict(
         self, geoms: Geoms, world: int, pairs: IntArray, clearance_m: FloatArray
     ) -> Conflict | None:
-        """The pair with the smallest clearance, of all pairs whose bounding spheres are too close."""
+        """The pair that is farthest below its minimum clearance, of the given ``pairs``; ``None`` if all have enough
+        clearance."""
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]

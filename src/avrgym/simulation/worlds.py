@@ -266,7 +266,7 @@ class Simulation:
         self.engine.check()
 
     def park(self, gone: BoolArray) -> None:
-        """Remove the particles of a mask (N, K) from the task."""
+        """Move the particles of the mask ``gone`` (N, K) to ``PARKING_W``, without weight."""
         particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
         if particles is None or (xp is np and not gone.any()):
             return
@@ -377,10 +377,10 @@ class Simulation:
         return np.concatenate([self.joint_positions(), self.base_displacement()], axis=-1)
 
     def share_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
-        """Returns the speeds (N, A) that lead to a configuration in this time, as shares of the speed limits.
+        """Returns the speeds (N, A) that reach a configuration after ``duration_s``, divided by the speed limits.
 
-        Arms start at their servo targets. A drive moves forward and turns by its share of the way; it leaves the way
-        sideways out.
+        Arms start at their servo targets. A drive covers the forward distance and the rotation, but not the sideways
+        distance.
         """
         share = (configuration[:, : len(self._speed_limit)] - self.joint_targets()) / (
             duration_s * self._speed_limit

@@ -21,7 +21,8 @@ from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
-"""Number of uniform random numbers for a base, or for the arm of a fixed base: enough for the restarts of 75 joints."""
+"""Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
+them: they are enough for 75 joints."""
 X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """Edge of wheelchair and bed on the person's right: x coordinate."""
@@ -40,8 +41,8 @@ def wheelchair_scene(
 ) -> SceneConfig:
     """A person in a wheelchair and a robot.
 
-    ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: all of this is mirrored
-    to the person's left; ``side`` is still the robot's arm.
+    ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: the robot's position is
+    mirrored to the person's left; ``side`` is still the side of the robot's arm.
 
     Raises:
         UnsuitableError: if the robot lacks arm, mount or grip.
@@ -83,7 +84,7 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
 
 
 DRIVE_TRAVEL_M = 0.8
-"""Distance that plans let a robot drive forward and back from its start."""
+"""Maximum distance that a planned motion may drive a robot forward or back from its start."""
 
 
 @cache
@@ -132,8 +133,8 @@ def placed_start(
 
     For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses, from which the tool also
     reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed
-    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. A driving
-    base starts where the first joint of ``planning_chain`` leads.
+    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. The first
+    joint of ``planning_chain`` shifts the initial position of a driving base.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
@@ -162,7 +163,7 @@ def placed_start(
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
-    """Move candidates whose base would overlap the furniture away from the person."""
+    """Returns the candidates. A base that would overlap the furniture is moved away from the person."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
     nearest = FURNITURE_EDGE_M[scene.posture] - scene.robot.half_width_m * turned

@@ -22,11 +22,11 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.settings import DEFAULTS, Settings
 
 MAX_MEAN_DRAWS = 2.0
-"""Maximum mean number of samples of an initial state: half of them may be rejected."""
+"""Maximum mean number of samples until an initial state is valid: half of the samples may be rejected."""
 PEOPLE, STARTS = "revised", 32
 """Population and number of initial states of a robot check."""
 BODY_STARTS = 4
-"""Number of initial states for each body."""
+"""Number of initial states for each combination of body model and torso height."""
 ARM_BATCH_SIZE = 50
 
 
@@ -41,12 +41,12 @@ class StartDrawStatistics:
 
     @property
     def fault(self) -> str:
-        """Description of the error, or empty."""
+        """Description of the error; empty without an error."""
         return self.refused or excess_draws(self.mean, self.most)
 
 
 def excess_draws(mean: float, most: int) -> str:
-    """Description of too many samples, or empty."""
+    """Returns a description of the error if initial states need too many samples, otherwise an empty text."""
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
@@ -56,7 +56,7 @@ def excess_draws(mean: float, most: int) -> str:
 
 
 def draw_starts(episodes: Episodes) -> StartDrawStatistics:
-    """Reset each world with its index as seed, and count the samples."""
+    """Reset each world with its index as seed. Returns statistics of the numbers of samples."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
@@ -71,8 +71,8 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
 def draws_by_body(
     environment_id: str, settings: Settings = DEFAULTS
 ) -> tuple[tuple[Person, StartDrawStatistics], ...]:
-    """Sample initial states next to resting people: both body models, with the smallest and the largest torso
-    height."""
+    """Sample initial states next to people at rest: both body models, with the smallest and the largest torso height.
+    Returns each person and the statistics of the samples."""
     episodes = Episodes(
         environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1, settings=settings
     )

@@ -122,7 +122,8 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
 
 @lru_cache(maxsize=64)
 def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
-    """The scene with settings; the same object for the same settings, because compiled models are cached by it."""
+    """Returns the scene with the settings. The same settings return the same object, because models are cached by this
+    object."""
     if settings == DEFAULTS:
         return scene
     mount, furniture = scene.mount, [*scene.furniture]
@@ -145,7 +146,7 @@ def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
 
 
 def sizes(environment_id: str) -> tuple[int, int]:
-    """Sizes of observation and action.
+    """Returns the sizes of observation and action in an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.

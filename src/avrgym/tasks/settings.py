@@ -21,7 +21,7 @@ DRAWN_SETTINGS = ("torso_height_m", "range_share")
 LARGEST_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
 FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
-"""They are multiples or divisors of the people's action rate, and divisors of the physics rate."""
+"""These rates are multiples or divisors of the people's action rate, and divisors of the physics rate."""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -105,7 +105,8 @@ BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
 
 
 class Views(NamedTuple):
-    """Views of a mounted robot and of a robot on the floor. Arm and person do not hide the task."""
+    """Views of a mounted robot and of a robot on the floor. In these views, neither the arm nor the person hides the
+    task."""
 
     mounted: View
     on_floor: View
@@ -135,15 +136,16 @@ class Task:
         pose: initial pose of the person.
         offered: body part that cooperating people bring to the tool.
         strength_share: share of their strength with which people hold their pose. With a small share the robot can move
-            their joints. It may also be a share for each joint by name; others have full strength. ``None``: people who
-            do not move are rigid.
-        scene: returns the scene for a robot; called once for each.
+            their joints. It may also be a share for each joint by name; joints that are not listed have full strength.
+            ``None``: people who do not move are rigid.
+        scene: returns the scene for a robot; called once for each robot.
         num_uniforms: number of uniform numbers of ``start``.
-        start: initial state from the scene, the people and uniform numbers (n, ``num_uniforms``).
-        init_state: initial task state from the people and the same numbers.
-        observation: the observation of a scene.
+        start: returns initial states, from the scene, the people and uniform numbers (n, ``num_uniforms``).
+        init_state: returns the initial task state, from the people and the same numbers.
+        observation: returns the observation of a scene.
         weights: weight of each reward term; the reward is the weighted sum.
-        evaluate_step: rewards and success from the state after the step, the action (N, A) and the previous task state.
+        evaluate_step: returns rewards and success, from the state after the step, the action (N, A) and the previous
+            task state.
         expert: plans with the full state; shows that the task is feasible (``--policy oracle``).
         feedback_expert: a smooth function of the present state, without memory; training imitates it.
         views: camera views for pictures.
@@ -301,7 +303,7 @@ def state_arrays(task_state: object) -> dict[str, NumpyArray]:
 
 
 def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
-    """Replace worlds ``ids`` (n,) in the arrays ``old`` of N worlds by ``new``."""
+    """Returns a copy of the state ``old`` of N worlds, with the state ``new`` in the worlds ``ids`` (n,)."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
         array[ids] = moved_to(getattr(new, name), array)

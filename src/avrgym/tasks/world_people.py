@@ -140,7 +140,7 @@ class WorldPeople:
         return self.person is None and any(self._pose(each).spreads_arm for each in self._populations)
 
     def place(self, exemplar: Any) -> None:
-        """Create the behaviour models on the device of an array."""
+        """Create the people, and their behaviour model on the device of the array ``exemplar``."""
         self._exemplar = exemplar
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
         self._behaviour = BehaviourModel(
@@ -211,9 +211,10 @@ class WorldPeople:
         self._behaviour.move_targets(joints, action, self._limit)
 
     def step(self, observe: Callable[[], PersonObservation]) -> tuple[FloatArray, BoolArray | None]:
-        """Returns the joint targets (N, 20) in 0.1 s, and in which worlds (N,) they are new; ``None`` for all.
+        """Returns the joint targets (N, 20) for the end of the next 0.1 s, and a mask (N,) of the worlds in which they
+        are new; ``None``: all worlds.
 
-        Called in every control step, or every 0.1 s if control steps are longer.
+        Call it in every control step, or every 0.1 s if control steps are longer.
         """
         if self._steps_per_target == 1:
             return self._behaviour.step(observe, self._device_people, self._limit), None
@@ -243,5 +244,5 @@ class WorldPeople:
 
 
 def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Limit joint angles (N, 20) to the ranges and shoulder limits of these people."""
+    """Returns joint angles (N, 20), limited to the joint ranges and shoulder limits of these people."""
     return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))

@@ -15,11 +15,11 @@ from avrgym.robots.rtb_data import rtb_data_path
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 ON_WHEELCHAIR_M = (-0.40, -0.50, 0.50)
 SHOULDER_M = 0.30
-"""Largest height of the shoulder above its mount."""
+"""Maximum height of the shoulder above the arm's mount."""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm with its hand."""
+    """Returns the model of the arm with its hand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.gen3").joinpath("gen3.xml").read_text())
     spec.meshdir = str(rtb_data_path("kortex_description"))
     return spec
@@ -35,11 +35,11 @@ _ARM = tuned_arm(
 )  # fmt: skip
 BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.142), 0.0192
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-"""The tool's x out of the hand, its y across the fingers."""
+"""Rotation of a tool in the hand: its x axis points out of the hand, its y axis is across the fingers."""
 
 
 def _fingers(opening_rad: float) -> dict[str, float]:
-    """Both fingers opened equally, with parallel tips."""
+    """Joint positions of both fingers, opened by the same angle, with parallel tips."""
     return {
         "right_finger": opening_rad, "right_fingertip": -opening_rad,
         "left_finger": -opening_rad, "left_fingertip": -opening_rad,

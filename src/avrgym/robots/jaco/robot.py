@@ -14,19 +14,19 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("kinova_description/meshes")
 SHOULDER_M = 0.33
-"""Maximum height of the shoulder above its mount."""
+"""Maximum height of the shoulder above the arm's mount."""
 ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm with its hand."""
+    """Returns the model of the arm with its hand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.jaco").joinpath("jaco.xml").read_text())
     spec.meshdir = str(MESHES)
     return spec
 
 
 def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
-    """Joint angles of each finger (thumb first) and its tip."""
+    """Joint angles by name, from the angles of each finger and its tip (thumb first)."""
     return {
         f"finger_{part}{number}": bend
         for number, bends in enumerate(bends_rad, start=1)

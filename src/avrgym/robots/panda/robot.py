@@ -20,7 +20,7 @@ STAND_M = 0.55
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm with its hand, on the stand."""
+    """Returns the model of the arm with its hand, on the stand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.panda").joinpath("panda.xml").read_text())
     if appearance:
         meshes = {link: f"{link}.dae" for link in LINKS} | dict.fromkeys(FINGERS, "finger.dae")
@@ -49,11 +49,11 @@ def _arm(side: Side) -> Arm:
 
 BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.1034), 0.0089
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-"""The tool's x out of the hand, its y across the fingers."""
+"""Rotation of a tool in the hand: its x axis points out of the hand, its y axis is across the fingers."""
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
-    """Both fingers at this distance from the middle; at most 0.04 m."""
+    """Joint positions of both fingers at this distance from the middle of the hand; at most 0.04 m."""
     return dict.fromkeys(FINGERS, opening_m)
 
 

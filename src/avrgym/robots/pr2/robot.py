@@ -26,7 +26,7 @@ MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The robot with raised torso, looking down."""
+    """Returns the model of the robot with raised torso; the head looks down."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
     spec.meshdir = str(MESHES)
     return spec
@@ -55,7 +55,7 @@ def _arm(side: Side) -> Arm:
 
 
 def _parallel_fingers(opening_rad: float) -> dict[str, float]:
-    """Both fingers opened equally, with parallel tips."""
+    """Joint positions of both fingers, opened by the same angle, with parallel tips."""
     return {
         f"{side}_finger_{part}joint": sign * opening_rad
         for side, opened in (("l", 1.0), ("r", -1.0))

@@ -16,14 +16,14 @@ MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The robot. Its arm extends to its right."""
+    """Returns the model of the robot. Its arm extends to its right."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.stretch").joinpath("stretch.xml").read_text())
     spec.meshdir = str(Path(str(files(PACKAGES["Stretch"]))) / "SE3" / "meshes")
     return spec
 
 
 def _closed(angle_rad: float) -> dict[str, float]:
-    """Both fingers closed by the same angle."""
+    """Joint positions of both fingers, closed by the same angle."""
     return {f"joint_gripper_finger_{side}": angle_rad for side in ("left", "right")}
 
 
@@ -73,7 +73,7 @@ acceleration of 1.6 m/s²) and the friction are assumptions."""
 
 
 def _mount(x_m: float, y_m: float, along_m: float) -> Mount:
-    """A mount next to the person, with the arm towards them. The base drives along their side."""
+    """A mount next to the person: the arm extends towards the person, and the base drives along the person's side."""
     return Mount(
         (x_m, y_m, 0.0),
         0.5 * np.pi,

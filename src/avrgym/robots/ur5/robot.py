@@ -19,7 +19,7 @@ STAND_M = 0.65
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm with a parallel gripper, on the stand."""
+    """Returns the model of the arm with a parallel gripper, on the stand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.ur5").joinpath("ur5.xml").read_text())
     if appearance:
         add_meshes(spec, MESHES, {link: f"{link}.dae" for link in LINKS})

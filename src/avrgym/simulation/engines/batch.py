@@ -52,7 +52,7 @@ class ForkSafeBatch(Batch):
 
 
 def _keep_forever() -> None:
-    """Prevent that a forked process frees its parent's batches, because it would wait for missing threads."""
+    """Keep the parent's batches in a forked process. Freeing them would wait for threads that do not exist there."""
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

@@ -35,7 +35,7 @@ ROWS_PER_CONTACT = 4
 SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
-"""Overflow flags without an overflow: the solver reached its maximum number of iterations, as on threads."""
+"""Flags in ``overflow`` that are not an overflow of memory: the solver reached its maximum number of iterations."""
 
 
 class _Libraries(NamedTuple):
@@ -162,7 +162,7 @@ class Warp:
             simulation.sensor_vel(model, data)
 
     def _make_model(self) -> None:
-        """The model on the device, with a row for each world in every field that differs between worlds."""
+        """Create the model on the device, with a row for each world in every field that differs between worlds."""
         model = copy(self.batch.model)
         no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp has none and refuses the flag
         model.opt.disableflags &= ~no_trees_of_geoms

@@ -48,8 +48,8 @@ SPILL_MARGIN_RAD = float(np.radians(4.0))
 TILT_GAIN_PER_S, POUR_SPEED_RAD_S = 3.0, 0.03
 """Gain of the approach to the pouring tilt, and tilt rate while pouring."""
 LOOK_AWAY_RAD, FAR_LOOK_AWAY_RAD, EXPECTED_FACE_RAD = np.radians([25.0, 33.0, 8.0])
-"""Angles of the face: beyond the first it looks away. Between the first and the second, the expected angle decreases
-from the first to the third."""
+"""A face that is turned by more than the first angle looks away. While its angle increases from the first to the
+second, the angle at which it is expected to return decreases from the first to the third."""
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """A face looks away only if it has rotated by at least this angle since the start."""
 MAX_PENETRATION_M = 0.001

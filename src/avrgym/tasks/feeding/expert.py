@@ -84,7 +84,7 @@ class FeedingExpert:
 
 
 def food_of(tool: Tool) -> FloatArray:
-    """Places (K, 3) of the food in the frame of a spoon."""
+    """Initial positions (K, 3) of the food in the spoon's frame."""
     assert tool.particles is not None
     return tool.particles.start
 

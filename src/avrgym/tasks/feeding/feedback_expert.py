@@ -42,7 +42,8 @@ def feeding_target(
 
 
 def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spoon position (N, 3) and rotation (N, 4) with the smallest inverse-kinematics error."""
+    """Spoon position (N, 3) and rotation (N, 4) of the candidate with the lowest cost: inverse-kinematics error plus
+    yaw."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []
     rotations_w: list[FloatArray] = []

@@ -45,7 +45,7 @@ class FeedingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.start)) -> FeedingState:
-    """Initial state for a tool with ``particles`` pieces."""
+    """Initial task state for a tool with ``particles`` pieces of food: none is eaten or dropped."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)

@@ -42,8 +42,8 @@ def scene(robot: Robot, tool: Tool = SPOON, add_furniture: Furniture = add_table
 def start(
     scene: SceneConfig, people: People, uniforms: FloatArray, offset_m: Offset = (0.0, 0.0, 0.0)
 ) -> Start:
-    """Initial states: the bowl within ±5 cm of its mean position, the hand within ±5 cm of a point above it, spoon
-    level."""
+    """Initial states: the bowl is within ±5 cm of its mean position, the robot's hand within ±5 cm of a point above the
+    bowl. The spoon is level."""
     bowl = constant_like(np.add(BOWL_START_M, offset_m), uniforms) + BOWL_SPREAD_M * (
         2.0 * uniforms[:, 0:3] - 1.0
     )
@@ -62,7 +62,7 @@ def _goals(people: People) -> tuple[FloatArray, FloatArray]:
 
 
 def feeding(settings: Settings = DEFAULTS) -> Task:
-    """The task with spoon, food and table of the settings."""
+    """Returns the task with the spoon, food and table of the settings."""
     offset_m = settings.table_offset_m or (0.0, 0.0, 0.0)
     tool = spoon(settings.tool or "medium", settings.particles)
     return Task(

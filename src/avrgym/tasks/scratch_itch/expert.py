@@ -29,7 +29,8 @@ NO_CONTACT_STEP_M = 0.004
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
 DETOUR_COST_S, DETOUR_STEPS = 20.0, 50
-"""If a plan costs more, a new plan follows after a detour to a point in front of the wrist and above it."""
+"""If a plan costs more than ``DETOUR_COST_S``, the tool first moves to a point in front of the wrist and above it.
+After ``DETOUR_STEPS`` control steps the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
@@ -138,7 +139,7 @@ def rub(
 ) -> FloatArray:
     """Next position (N, 3) of a tip that circles around the itch.
 
-    The motion depends only on the present position, the depth on the force.
+    The motion along the skin depends only on the tip's present position, the depth on the contact force.
 
     Args:
         state: physical state of N worlds.

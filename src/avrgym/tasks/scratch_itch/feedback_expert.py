@@ -18,15 +18,17 @@ Range = tuple[float, float]
 MAX_HAND_ANGLE_RAD, MAX_ROD_ANGLE_RAD = 1.2, 0.4
 """Limits of the hand's angle to the skin normal, and of the rod's angle to the hand's direction."""
 CLEARANCE_FORWARD, CLEARANCE_UP, NORMAL_WEIGHT = -0.2, 0.2, 0.5
-"""Direction with clearance for the hand, per metre to the right, and the weight of the skin normal in it."""
+"""The direction in which the hand has clearance: components forward and up, relative to a component of 1 to the
+person's right, and weight of the skin normal. See ``hand``."""
 SIDE_CHANGE_HEIGHT, SIDE_CHANGE_WIDTH = -0.35, 0.17
 """Vertical component of the skin normal at which the hand changes from above to below the arm, and transition width."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 FRONT_MAX_HAND_ANGLE_RAD, FRONT_MAX_ROD_ANGLE_RAD = 1.0, 0.2
-"""Direction with clearance for a hand in front of the person, and the two angle limits for it."""
+"""Direction with clearance for a hand in front of the person (``FRONT_W``, world frame), and the two angle limits of
+this hand."""
 INWARD_RANGE, NOT_DOWNWARD_RANGE = (0.6, 0.85), (-0.5, -0.3)
-"""Ranges of the skin normal's components over which the hand changes to the front, for skin that faces left and not
-down."""
+"""Ranges of the skin normal's x and z components over which the hand changes to the front. It changes for skin that
+faces the person's left and does not face down."""
 ROTATION_RANGE_RAD = (0.2, 0.6)
 """A hand in front of the person approaches the itch if its remaining rotation is below the first value. Above the
 second value it waits in front of the wrist."""

@@ -33,7 +33,7 @@ SWINGS = {
 SWING_THRESHOLD = 0.5
 """Share of ``in_front`` above which the arm first swings."""
 SWING_COMPLETE_SHARE = 0.85
-"""Share of the swing that counts as completed."""
+"""Share of the swing after which the swing counts as complete."""
 
 
 def memory_expert(episodes: RunningEpisodes) -> Controller:

@@ -19,10 +19,11 @@ ITCH_RADIUS_M = 0.025
 MIN_STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
 ITCH_POSITION_RANGE = (0.2, 0.85)
-"""Range of the itch along a limb, as shares of its length. The ends are inside shoulder and elbow."""
+"""Range of the itch along a limb, as shares of the limb's length. It excludes the ends, which are inside shoulder and
+elbow."""
 ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
-"""Range of the itch around each limb, from its outer side. It excludes the third of the upper arm that faces the torso,
-where no robot hand fits."""
+"""Largest angle of the itch around upper arm and forearm, on both sides of the limb's outer side. The range excludes
+the third of the upper arm that faces the torso, where no robot hand fits."""
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -113,7 +114,8 @@ def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray,
 
 
 def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Contact force at the itch (N,) in newtons, and its position (N, 3) in the limb's frame."""
+    """Contact force at the itch (N,) in newtons, and the force-weighted mean contact position (N, 3) in the limb's
+    frame."""
     xp = namespace(itch_w)
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
     forces = xp.where(near, state.tool_contact_force_n, 0.0)

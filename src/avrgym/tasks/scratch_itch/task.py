@@ -54,8 +54,8 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the hand is within ±5 cm of a point next to the elbow. The goals are shoulder, elbow and
-    wrist."""
+    """Initial states: the robot's hand is within ±5 cm of a point next to the elbow. The goals of the base search are
+    shoulder, elbow and wrist."""
     place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
