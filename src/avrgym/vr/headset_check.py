@@ -25,13 +25,13 @@ def is_ready(check: HeadsetCheck) -> bool:
 
 
 def faults(check: HeadsetCheck) -> list[Text]:
-    """The reasons against a session, each with its remedy."""
+    """Returns the reasons why a session may not begin, each with its remedy."""
     of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
     return [fault for faults_of in of_parts for fault in faults_of(check)]
 
 
 def result_message(check: HeadsetCheck, most: int) -> Text:
-    """The result for the participant, with at most ``most`` faults and the number of further faults."""
+    """Returns the result for the participant, with at most ``most`` faults and the number of further faults."""
     found = faults(check)
     if not found:
         return Text("headset_ready")

@@ -37,9 +37,9 @@ TREMOR_HZ = 5.0
 LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
     head_x=0.0, head_z=0.0
 )
-"""Change of the joint angles (20,) to look at the right arm, within a second."""
+"""Change of the joint angles (20,) with which a participant looks at the right arm. The motion takes one second."""
 LENIENCY, NOISE = 0.08, 0.1
-"""Standard deviations of ratings between participants, and between answers, as shares of a scale."""
+"""Standard deviations of ratings as shares of a scale: between participants, and between answers of a participant."""
 
 RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
     "L1": lambda results: 0.9 if results.success else 0.15,
@@ -85,7 +85,10 @@ def draw_traits(
     impairment: Impairment = "none",
     trained: Policy | None = None,
 ) -> Traits:
-    """Sample the traits of a participant from a distribution (default: the paper's participants) or a trained human."""
+    """Returns the traits of a participant, sampled from a distribution (default: the paper's participants).
+
+    ``trained`` is a policy that controls the participant.
+    """
     random = random_streams.participant_traits(seed)
     heights_m = distribution.torso_height_woman_m if sex == "woman" else distribution.torso_height_man_m
     traits = Traits(
@@ -196,7 +199,7 @@ class SimulatedParticipant:
         self._reset_behaviour()
 
     def _reset_behaviour(self) -> None:
-        """Start the behaviour model again."""
+        """Reset the behaviour model to its initial state."""
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._behaviour_state = partner_behaviour.initial_state(
@@ -268,7 +271,7 @@ class SimulatedParticipant:
         return _Observation(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
-        """The tracking frame at a time, at rest or with sway and reactions (``moving``).
+        """Returns the tracking frame at a time: at rest, or with sway and reactions (``moving``).
 
         With ``watching`` the participant looks at the arm, if the task is at the arm.
         """
@@ -281,7 +284,7 @@ class SimulatedParticipant:
         return self.frame_from_angles(angles, time_s)
 
     def frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
-        """The tracking frame of a pose, joint angles (20,)."""
+        """Returns the tracking frame of a pose: joint angles (20,)."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
         mujoco.mj_kinematics(self._model, self._data)
@@ -297,7 +300,7 @@ class SimulatedParticipant:
         )
 
     def answer(self, item: str, points: int, results: AttemptResults) -> int:
-        """Rate a trial from 1 to ``points`` by the item's rule. Items without a rule get ratings around the middle."""
+        """Returns a rating, 1 to ``points``, by the item's rule. Items without a rule get ratings around the middle."""
         wanted = RATINGS[item](results) if item in RATINGS else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))

@@ -50,7 +50,7 @@ class Inlet:
         self._stopping.set()
 
     def join(self) -> None:
-        """Wait until the thread ends."""
+        """Wait until the thread ends, at most ``OPEN_TIMEOUT_S``."""
         self._thread.join(OPEN_TIMEOUT_S)
 
     def _run(self) -> None:

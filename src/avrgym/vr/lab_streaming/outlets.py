@@ -22,7 +22,7 @@ SENT_BODIES = {
 }
 """The bodies whose poses are sent, by the name in the stream."""
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
-"""The numbers of a pose in the world's frame (z up), with their units."""
+"""The channels of a pose in the world frame (z up), with their units."""
 BUFFER_S = 10
 
 

@@ -25,7 +25,7 @@ class LabStreams:
     """
 
     def __init__(self, choice: StreamChoice) -> None:
-        """Start to send, and to search for the streams to receive."""
+        """Start sending, and start the search for the streams to receive."""
         self._clock_offset_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
@@ -36,7 +36,7 @@ class LabStreams:
         return {inlet.name: inlet.present for inlet in self._inlets}
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """The samples received since the last call, with times on the session's clock."""
+        """Returns the samples received since the last call, with times on the session's clock."""
         clock_offset_s = self._clock_offset_s = self._aligned(now_s)
         return [
             (stream, _later(samples, clock_offset_s))
@@ -45,7 +45,7 @@ class LabStreams:
         ]
 
     def send_event(self, event: SessionEvent) -> None:
-        """Send an event. Events before the first tick of a session have the present time."""
+        """Send an event. The time stamp of an event before the session's first tick is the time of this call."""
         if self._outlets is None:
             return
         if self._clock_offset_s is None or event.time_s == 0.0:
@@ -59,7 +59,7 @@ class LabStreams:
             self._outlets.send_state(world, now_s - self._clock_offset_s)
 
     def close(self) -> None:
-        """Stop to receive and send."""
+        """Stop receiving and sending."""
         for inlet in self._inlets:
             inlet.stop()
         for inlet in self._inlets:
@@ -67,7 +67,7 @@ class LabStreams:
         self._outlets = None
 
     def _aligned(self, now_s: float) -> float:
-        """The clock offset between Lab Streaming Layer and the session, whose time is at least ``now_s``."""
+        """Returns the session's clock minus Lab Streaming Layer's clock. The session's time is at least ``now_s``."""
         seen_s = now_s - pylsl.local_clock()
         return seen_s if self._clock_offset_s is None else max(self._clock_offset_s - DRIFT_S, seen_s)
 

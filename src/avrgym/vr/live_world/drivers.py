@@ -23,12 +23,12 @@ Generators = Sequence[np.random.Generator]
 RESPONSE_TIMEOUT_S = 0.08
 """Time limit of an external controller for an action, within the control step of 0.1 s."""
 SIMULATED_RESPONSE_TIMEOUT_S = 10.0
-"""The same limit in simulated time, which waits for the answer."""
+"""The same limit for sessions in simulated time, which wait for the answer."""
 OPERATOR_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time."""
 
 NO_ACTION = np.zeros((1, 0))
-"""The action of an unknown robot."""
+"""The action (1, 0) before the first episode, when the robot is not known."""
 
 
 def zero_action(episodes: Episodes) -> FloatArray:
@@ -41,7 +41,7 @@ class Driver(Protocol):
 
     @property
     def failure(self) -> str:
-        """The message of the present ``ControllerError``; empty without one."""
+        """The message of the current ``ControllerError``; empty without one."""
         ...
 
     @property
@@ -50,7 +50,7 @@ class Driver(Protocol):
         ...
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started; its generator draws all randomness."""
+        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         ...
 
     def act(self, observation: FloatArray) -> FloatArray:
@@ -62,12 +62,12 @@ class Driver(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop."""
+        """Stop the driver."""
         ...
 
 
 def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
-    """Returns the driver for a policy. External controllers run in the ``background``, or the caller waits for them."""
+    """Returns the driver for a policy. In the ``background``, the caller does not wait for external controllers."""
     if isinstance(policy, HumanOperator):
         return Operator()
     if isinstance(policy, ExternalController):
@@ -76,13 +76,13 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
 
 
 def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
-    """Compile what a policy with cameras sees. ``act`` reports the error where nothing can be rendered."""
+    """Compile the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
     with suppress(RuntimeError, ValueError):
         registry.prepare(policy, episodes)
 
 
 class SynchronousDriver:
-    """Drives with a policy of AVR Gym, which returns its action within the tick."""
+    """Drives the robot with a policy of AVR Gym, which returns its action within the tick."""
 
     def __init__(self, policy: Policy | Script) -> None:
         self.failure = ""
@@ -95,7 +95,7 @@ class SynchronousDriver:
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started; its generator draws all randomness."""
+        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         self.failure, self._act = "", None
         self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
         _prepare(self._policy, episodes)
@@ -119,7 +119,7 @@ class SynchronousDriver:
 
 
 class ThreadedDriver:
-    """Drives by an external controller, in its own thread.
+    """Drives the robot with an external controller, which runs in its own thread.
 
     The latest action continues until the controller answers. After a failure or a timeout the robot holds its position;
     late answers are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` in the ``background``, otherwise
@@ -142,7 +142,7 @@ class ThreadedDriver:
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started; its generator draws all randomness."""
+        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         if self._worker.busy:
             self._worker.close()
             self._worker = Worker(self._controller_factory)
@@ -235,7 +235,7 @@ class Request:
         return (self._ended_s if self.done else time.monotonic()) - self._requested_s
 
     def run(self, get_controller: Callable[[], Controller]) -> None:
-        """Call the controller."""
+        """Call the controller, and store its answer or failure."""
         try:
             answer = self._work(get_controller())
         except (Exception, SystemExit) as error:  # external code may raise anything
@@ -270,13 +270,13 @@ class Worker:
         return self._latest is not None and not self._latest.done
 
     def submit(self, work: Work) -> Request:
-        """Append a request."""
+        """Add a request at the end of the queue, and return it."""
         self._latest = request = Request(work)
         self._queue.put(request)
         return request
 
     def close(self) -> None:
-        """Close the controller and end the thread."""
+        """Close the controller after the requests in the queue, and end the thread."""
         if self._controller is not None and not self._closed:
             self.submit(controllers.close)
         self._closed = True
@@ -296,7 +296,7 @@ class Worker:
 
 
 class Operator:
-    """Drives with the commands of a person, who moves the robot's hand. Without commands the robot does not move."""
+    """Drives the robot with an operator's commands for its hand. Without commands the robot does not move."""
 
     failure = ""
 
@@ -313,7 +313,7 @@ class Operator:
         return self._velocity is None
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started in a world."""
+        """Prepare for the episode that has just started."""
         self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
         self.release()
 

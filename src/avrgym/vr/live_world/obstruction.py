@@ -21,7 +21,7 @@ FINGERS = 4.0
 
 
 class ObstructionMonitor:
-    """Monitors head, elbows and fingers of the first world's person with this skeleton."""
+    """Monitors the head, elbows and fingers of the person in the first world."""
 
     def __init__(self, simulation: Simulation, skeleton: Skeleton) -> None:
         model, bind = simulation.batch.get_model(0), simulation.batch.bind

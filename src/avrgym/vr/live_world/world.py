@@ -23,7 +23,7 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
-"""Time for which the brakes stop the robot before its retreat."""
+"""Number of ticks for which the brakes stop the robot before its retreat."""
 
 
 class LiveWorld:
@@ -134,7 +134,7 @@ class LiveWorld:
     def prepare(
         self, driver: Driver, *, force_guard: bool = False, withdraw_after_success: bool = False
     ) -> None:
-        """Prepare a driver for the present episode, with the chosen layers of the control loop."""
+        """Prepare a driver for the current episode, and build the control loop with the chosen layers."""
         driver.reset(self._episodes, self._generators)
         self._loop = ControlLoop(
             self._episodes,
@@ -149,9 +149,9 @@ class LiveWorld:
         return bool(self._loop.withdrawing[0])
 
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms; with a prepared driver the robot moves, and the last tick of a control step returns it.
+        """Advance by 10 ms. A prepared driver moves the robot. The last tick of a control step returns the step.
 
-        With ``hold``, the brakes hold the robot, also during a retreat. An intervention of the guard still moves it.
+        With ``hold``, the brakes hold the robot, also during a retreat. Only the force guard can then move the robot.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:

@@ -17,7 +17,7 @@ JOINT_STEP_RAD = 1e-5
 POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_STEPS = np.array([JOINT_STEP_RAD])
 MAX_STEPS = 2.0**31 - 1.0
-"""Larger absolute values and NaN are encoded as this value."""
+"""Values are clipped to ± this number of steps. NaN is encoded as the lower limit."""
 
 DIGIT_BITS = 7
 
@@ -35,7 +35,7 @@ class StateEncoder:
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def encode(self, state: State) -> StateChange:
-        """The encoded difference to the previous state."""
+        """Returns the encoded difference to the previous state."""
         return StateChange(
             sequence=state.sequence,
             simulation_time_s=state.simulation_time_s,
@@ -57,7 +57,7 @@ class StateDecoder:
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def decode(self, change: StateChange) -> State:
-        """Decode the state, within half a quantisation step."""
+        """Returns the state. Each value is within half a quantisation step of the original."""
         return State(
             sequence=change.sequence,
             simulation_time_s=change.simulation_time_s,

@@ -52,7 +52,7 @@ class Registration:
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
     def from_world(self, pose: Pose) -> XRPose:
-        """The inverse of ``to_world``."""
+        """Transform a pose to ``local-floor``; the inverse of ``to_world``."""
         local = _compose(self._inverse, pose.pos_w, pose.q_w)
         w, x, y, z = local.q_w.tolist()
         return XRPose(tuple(local.pos_w.tolist()), (x, y, z, w))
@@ -67,10 +67,10 @@ class Registration:
 
 
 def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
-    """The registration for which the participant's head is at ``head_centre_w`` and faces −y.
+    """Returns the registration that places the participant's head at ``head_centre_w``, with the nose towards −y.
 
-    The heads and the seats of participant and simulated person then coincide. The floors differ by the difference of
-    the seat heights.
+    The real and the simulated head then coincide, and so do the seats. The two floors differ in height by the
+    difference of the seat heights.
     """
     upright = head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
@@ -141,7 +141,7 @@ GRIP_FROM_WRIST_AXES = {
 
 
 def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
-    """Compose two single poses. ``pos`` (3,) and ``q`` (4,) are in the frame ``outer``. Faster than
+    """Returns the world pose of ``pos`` (3,) and ``q`` (4,), which are in the frame ``outer``. Faster than
     ``transforms.compose``."""
     pos_w, q_w = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)

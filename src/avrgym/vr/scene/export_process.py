@@ -50,14 +50,14 @@ class SceneExporter:
         self._lock = threading.Lock()
 
     def start(self) -> None:
-        """Start the process before the first scene."""
+        """Start the process in advance, before the first scene is requested."""
         with self._lock:
             self._submit(warm_up)
 
     def export(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> Future[bytes]:
-        """Start to export the scene with this number, if it is not cached."""
+        """Start to export the scene with this number, if it is not cached. Returns the future GLB file."""
         with self._lock:
             if number not in self._scenes:
                 self._scenes[number] = self._submit(export_scene, environment_id, person, settings)
@@ -68,7 +68,7 @@ class SceneExporter:
     async def glb(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> bytes:
-        """Wait for the GLB file of the scene with this number. After an error the next request exports it again."""
+        """Returns the GLB file of the scene with this number. After an error, the next request exports it again."""
         scene = self.export(number, environment_id, person, settings)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))
@@ -92,7 +92,7 @@ class SceneExporter:
 
 
 def export_process() -> ProcessPoolExecutor:
-    """A pool of one process that exits with this one."""
+    """Returns a pool of one process, which exits when the current process exits."""
     return ProcessPoolExecutor(
         1, mp_context=multiprocessing.get_context("spawn"), initializer=exit_with_parent
     )

@@ -14,11 +14,11 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
 
 DETAILED_TRIANGLES = 2000
-"""Larger meshes are simplified to this number of triangles plus a sixth of the rest."""
+"""Meshes with more triangles are simplified to this number plus a sixth of the others."""
 SIMPLIFICATION_AGGRESSION = 3
 """Aggression of the simplification, 0 to 10. The default of 7 loses small parts."""
 WELD_DIGITS = 5
-"""Vertices that are equal to this number of decimals (metres) are merged."""
+"""Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
 _simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 

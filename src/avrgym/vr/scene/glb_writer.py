@@ -29,7 +29,7 @@ class GlbWriter:
         return len(elements) - 1
 
     def add_vertices(self, values: NumpyArray, *, normalized: bool = False) -> int:
-        """Add an accessor of one row (V, K) per vertex, padded to whole words."""
+        """Add an accessor of vertex values (V, K): one row for each vertex, padded to a multiple of 4 bytes."""
         width = values.shape[1] * values.itemsize
         padding = -width % _ALIGNMENT
         rows = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), width)
@@ -39,7 +39,7 @@ class GlbWriter:
         return self._add_accessor(values, view, normalized=normalized, **bounds)
 
     def add_indices(self, faces: NumpyArray) -> int:
-        """Add an accessor of the corners of triangles (F, 3)."""
+        """Add an accessor of triangles (F, 3), as indices of their vertices."""
         kind = np.uint16 if faces.max() < np.iinfo(np.uint16).max else np.uint32
         corners = faces.astype(kind).reshape(-1, 1)
         return self._add_accessor(corners, self._add_view(corners.tobytes(), target=34963))

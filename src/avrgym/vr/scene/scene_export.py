@@ -5,11 +5,11 @@ Its nodes are in the world frame, z up. ``extras`` of a node contain the bodies 
 - ``body``: the node follows this body. Bodies that are fixed to each other share a node.
 - ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
 - ``bodies``: the mesh is instanced at each of these bodies.
-- ``vertices``: each vertex of the mesh, a cloth, is at one of these bodies.
-- ``skin_of``: a skinned mesh, and the body with the largest weight.
+- ``vertices``: the mesh is a cloth; each vertex is at one of these bodies.
+- ``skin_of``: the mesh is skinned; this body has the largest weight.
 
-Colours are vertex colours, as MuJoCo resolves them from geom and material. All geoms of one finish on one node are one
-mesh, because few draw calls are fast on a headset.
+Colours are vertex colours, as MuJoCo resolves them from geom and material. All geoms of a node that have the same
+finish are one mesh, because few draw calls are fast on a headset.
 """
 
 # trimesh is only partly typed.
@@ -266,7 +266,7 @@ class _Export:
 
 
 def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Ids of visible geoms by body, where bodies that are fixed to each other count as the outermost one."""
+    """Returns the ids of visible geoms by body. Bodies that are fixed to each other count as the topmost of them."""
     found: dict[int, list[int]] = {}
     visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):
@@ -276,7 +276,7 @@ def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 
 def _carrier(model: mujoco.MjModel, body: int) -> int:
-    """The outermost body that a body is fixed to. Children of the world count as movable: episodes place them."""
+    """The topmost ancestor to which a body is fixed. Children of the world count as movable: episodes place them."""
     while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
         body = int(model.body_parentid[body])
     return body

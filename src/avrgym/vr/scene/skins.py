@@ -25,7 +25,7 @@ WELD_DISTANCE_M = 1e-5
 
 @dataclass(frozen=True)
 class Bone:
-    """A body, or its swing; ``inverse_bind`` (4, 4) transforms the skin at rest into its frame."""
+    """A body, or its swing; ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone."""
 
     body: str
     swing: bool
@@ -80,7 +80,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
 
 
 def merged(skins: Sequence[Skin]) -> Skin:
-    """Merge skins into one, with the name and material of the first."""
+    """Merge skins. Returns one skin with the name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
     bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
@@ -100,7 +100,7 @@ def merged(skins: Sequence[Skin]) -> Skin:
 
 
 def with_cap(skin: Skin, other: Skin) -> Skin:
-    """Add a cap to a skin at the border to another skin, for views that hide the other skin."""
+    """Returns the skin with a cap at its border to another skin, for views that hide the other skin."""
     rim = _rim(skin, other)
     if not len(rim):
         return skin

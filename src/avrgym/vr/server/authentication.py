@@ -77,7 +77,7 @@ class Tokens:
             raise ValueError(f"{path} contains no tokens: {error}; delete it to create new ones") from None
 
     def caller(self, token: str) -> Caller | None:
-        """The owner of a token; ``None`` for an unknown token."""
+        """Returns the caller with this token; ``None`` for an unknown token."""
         found: Caller | None = None
         for role in ("participant", "experimenter", "spectator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
@@ -89,13 +89,13 @@ class Tokens:
         return OLD_TOKEN if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:
-        """The owner of the bearer token of a request."""
+        """Returns the caller with the bearer token of a request; ``None`` without a known token."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
         return self.caller(token) if scheme == "Bearer" else None
 
 
 class SameOriginOnly:
-    """Middleware that rejects requests and WebSockets from pages of other origins. Programs send no origin."""
+    """Middleware that rejects requests and WebSockets from pages of other origins. Programs send no origin header."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -52,8 +52,8 @@ class Outbox:
     The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the latest
     sent state was computed.
 
-    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Without it,
-    buffers of system and browser would delay the states of a slow client by up to a minute.
+    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Without
+    flow control, buffers of system and browser would delay the states of a slow client by up to a minute.
     """
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ class Broadcast:
             self._leave(outbox)
 
     def close_all(self, reason: str) -> None:
-        """Close all connections for a reason. Call it from a thread other than the event loop's."""
+        """Close all connections with this reason. Call it from a thread other than the event loop's."""
         ends_s = time.monotonic() + CLOSE_TIMEOUT_S
         while self._participant is not None or self._watchers:
             watching = [outbox for _, outbox in self._watchers]

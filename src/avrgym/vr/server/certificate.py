@@ -49,7 +49,7 @@ def _lan_addresses() -> tuple[str, ...]:
 
 
 def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
-    """The certificate in a folder. Creates a new one if it is missing, expires soon or has other names."""
+    """Returns the certificate in a folder. Creates a new one if it is missing, expires soon or lacks a name."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     found = certificate_in(folder, names)
     if reason_to_renew(found) is not None:
@@ -58,12 +58,12 @@ def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
 
 
 def certificate_in(folder: Path, names: Sequence[str]) -> Certificate:
-    """The certificate with its paths in a folder, for these names. The files need not exist."""
+    """Returns a certificate with these names and with paths in this folder. The files need not exist."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 
 
 def reason_to_renew(wanted: Certificate) -> str | None:
-    """The reason why a new certificate is needed; ``None`` if the present one is valid."""
+    """Returns why a new certificate is needed; ``None`` if the current one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
         key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)

@@ -18,7 +18,7 @@ class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response]]:
-    """The endpoint that returns the token of the link for a valid code."""
+    """Returns the endpoint, which responds to a valid code with the token of the link."""
 
     async def exchange(request: Request) -> Response:
         entered = await _read(request)

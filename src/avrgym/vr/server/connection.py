@@ -37,8 +37,8 @@ HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
 """Interval at which the token of a connection is checked again. If it was revoked, the connection is closed."""
 BURST, MESSAGES_PER_S = 1000, 250
-"""Rate limit: above the 144 frames per second of a headset, and seven seconds of frames after a network
-interruption."""
+"""Maximum number of messages in a burst, and per second. A headset sends up to 144 frames per second, and the frames
+of up to seven seconds after a network interruption."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class RateLimit:
         self._left, self._asked_s = float(BURST), 0.0
 
     def allows(self, now_s: float) -> bool:
-        """Whether one more message is allowed now."""
+        """Count one more message. Returns whether it is allowed."""
         self._left = min(self._left + MESSAGES_PER_S * (now_s - self._asked_s), float(BURST)) - 1.0
         self._asked_s = now_s
         return self._left >= 0.0

@@ -24,7 +24,7 @@ MAX_UNAUTHENTICATED = 256
 FILE_HANDLE_DIVISOR = 4
 """Unauthenticated connections use at most the process's file handles divided by this number."""
 ADDRESS_DIVISOR = 4
-"""One address has at most the limit divided by this number. The loopback address is exempt: USB headsets share it."""
+"""One address may have a share of the limit: one divided by this number. Loopback is exempt: USB headsets share it."""
 MAX_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections count as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
@@ -59,12 +59,12 @@ class Connection:
 
     @property
     def open(self) -> bool:
-        """Whether its socket is open."""
+        """Whether the connection's socket is open."""
         return self._socket.fileno() >= 0
 
     @property
     def timed_out(self) -> bool:
-        """Whether it has exceeded its timeout."""
+        """Whether the connection has exceeded its timeout."""
         silent_s = time.monotonic() - self.active_s
         closing = self._transport is not None and self._transport.is_closing()
         if self.busy:
@@ -90,7 +90,7 @@ class Connection:
             )
 
     def end(self) -> None:
-        """Close it immediately."""
+        """Close the connection immediately."""
         if self._transport is not None:
             self._transport.abort()
         elif self._handshake is not None:
@@ -117,7 +117,7 @@ class ConnectionLimiter:
             sweeping.cancel()
 
     def middleware(self, app: ASGIApp) -> ASGIApp:
-        """The application with a middleware that notes the activity and the tokens of its connections."""
+        """Returns the application in a middleware that stores the activity and the role of each connection."""
 
         async def limited(scope: Scope, receive: Receive, send: Send) -> None:
             connection = self._connection(scope)

@@ -1,4 +1,4 @@
-"""Viewer of an environment: simulates episodes and streams them to a browser, without a participant."""
+"""Viewer of an environment: simulates episodes without a participant, and streams them to a browser."""
 
 from typing import Literal
 
@@ -26,7 +26,7 @@ LOADING_S = 15.0
 class EnvironmentViewer:
     """Simulates episode after episode at 100 Hz; implements ``Runnable``.
 
-    The page can pause, continue and skip to the next episode. With the policy ``operator`` it drives the robot.
+    The page can pause, continue and skip to the next episode. If the policy is ``operator``, the page drives the robot.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class EnvironmentViewer:
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             force_guard: whether the force guard limits contact force and approach speed.
-            settings: of the environment.
+            settings: settings of the environment.
             allow_other_settings: whether to allow a policy that was trained with other settings.
             steps: control steps of an episode.
 

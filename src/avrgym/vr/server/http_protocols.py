@@ -52,7 +52,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.transport.close()
 
     def handle_cont(self, event: Frame) -> None:
-        """Process a continuation frame, up to the maximum number."""
+        """Process a continuation frame. Closes the connection if a message has more than ``MAX_FRAGMENTS`` frames."""
         super().handle_cont(event)
         if len(self.frames) > MAX_FRAGMENTS:
             self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message may have at most {MAX_FRAGMENTS} frames")

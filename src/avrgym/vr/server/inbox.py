@@ -43,7 +43,7 @@ class Inbox:
         """Add a message at the end, or at the front if it stops the robot.
 
         A loss of visibility is handled twice: immediately, and again in order, because an earlier message may report
-        the opposite. If a participant disconnects while more messages wait than a tick can handle, their messages are
+        the opposite. If a participant disconnects while more messages wait than a tick can handle, the participant's messages are
         discarded.
         """
         with self._lock:
@@ -60,7 +60,7 @@ class Inbox:
                 self._frames += isinstance(message, messages.Tracking)
 
     def take(self) -> Received | NewConnection | None:
-        """Remove and return the next message; ``None`` if no message waits."""
+        """Remove and return the next message; ``None`` if no message waits. Drops tracking frames above the maximum."""
         with self._lock:
             if self._urgent:
                 return self._urgent.popleft()

@@ -40,16 +40,16 @@ def create_app(
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
 ) -> FastAPI:
-    """The web application of one session.
+    """Returns the web application of one session.
 
     Args:
         loop: the running simulation.
-        broadcast: sends its messages to the connections.
+        broadcast: sends the simulation's messages to the connections.
         tokens: tokens that authenticate clients.
         limiter: limits connections.
         hosts: allowed host names of requests.
         exporter: exports the scenes.
-        record: called with watchers and their commands.
+        record: called with the hello of each watcher, and with each of their commands.
         study: the API of the experimenter's dashboard.
         links: links of a study's participants, for the exchange of codes.
     """
@@ -167,7 +167,7 @@ class LiveServer(Generic[S]):
         return self.urls()[0]
 
     def urls(self, page: str = "", token: str | None = None) -> list[str]:
-        """The addresses of a page: first the loopback address, then the addresses in the local network."""
+        """Returns the addresses of a page: first the loopback address, then the addresses in the local network."""
         names = ["localhost"] if self.host in (*LOOPBACK, EVERY_ADDRESS) else []
         names += self.certificate.names if self.certificate else ()
         scheme = "https" if self.certificate else "http"
@@ -176,7 +176,7 @@ class LiveServer(Generic[S]):
         ]
 
     def pages(self) -> list[str]:
-        """The addresses of the participant's page without a token. On this page a code opens the link of a session."""
+        """Returns the addresses of the participant's page without a token. This page asks for the code of a session."""
         return [url.partition("#")[0] for url in self.urls()]
 
     def __enter__(self) -> "LiveServer[S]":

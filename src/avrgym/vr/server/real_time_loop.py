@@ -22,7 +22,7 @@ TIMING_EVERY_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
 """Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
 CATCH_UP_TICKS = 5
-"""Maximum number of late ticks that the loop still runs. Further ticks are skipped."""
+"""The loop catches up with at most this number of late ticks. If more are late, all of them are skipped."""
 MAX_LATE_TICKS = 10_000
 PRIORITY = 10
 """Real-time priority of the loop's thread (``SCHED_FIFO``, 1 to 99)."""
@@ -63,7 +63,7 @@ class Runnable(Protocol):
         ...
 
     def close(self, now_s: float) -> None:
-        """End."""
+        """End the session or viewer."""
         ...
 
 
@@ -179,7 +179,8 @@ def _clock_s() -> float:
 def use_real_time_priority() -> bool:
     """Give this thread real-time priority. Returns whether the system permits it.
 
-    Requires Linux, and root or the limit ``rtprio``. On a single processor it would block all other threads.
+    Requires Linux, and root or the limit ``rtprio``. A computer with a single processor is excluded, because the thread
+    would block all others.
     """
     if sys.platform != "linux" or len(os.sched_getaffinity(0)) == 1:
         return False

@@ -4,10 +4,10 @@ from fastapi import HTTPException, Request
 
 
 async def posted_json(request: Request, most_bytes: int) -> bytearray:
-    """The undecoded body of a request.
+    """Returns the undecoded body of a request.
 
     Raises:
-        HTTPException: 415 for another content type than JSON, 413 for more than ``most_bytes``.
+        HTTPException: 415 for a content type other than JSON, 413 for more than ``most_bytes``.
     """
     if request.headers.get("content-type") != "application/json":
         raise HTTPException(415, "send application/json")

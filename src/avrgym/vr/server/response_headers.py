@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 def headers(path: str) -> dict[str, str]:
-    """The headers of the response to a request for a path. Headers that the response sets itself take precedence."""
+    """Returns the security headers for a response to this path. Headers that the response already has override them."""
     ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED_PAGE else ("'none'", "DENY")
     return {
         "content-security-policy": CONTENT_POLICY.format(ancestors=ancestors),
@@ -79,7 +79,7 @@ class _Response:
         self._begun = False
 
     async def send(self, message: Message) -> None:
-        """Send one message of the response. Reject a WebSocket that closes before it opens as an HTTP request."""
+        """Send one message of the response. If a WebSocket closes before it opens, send an HTTP response instead."""
         if message["type"] == "websocket.close" and not self._begun:
             await self._refuse("no WebSocket opens here", 403)
             return

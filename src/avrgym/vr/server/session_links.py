@@ -31,7 +31,7 @@ class TooManyCodes(CodeError):
 
 
 def new_link() -> str:
-    """A random token of 128 bits."""
+    """Returns a new link: a random token of 128 bits."""
     return secrets.token_urlsafe(LINK_BYTES)
 
 
@@ -101,7 +101,7 @@ class SessionLinks:
         return self._ended.get(link_sha256(token))
 
     def code(self) -> str | None:
-        """A code for the current link, valid for at least half of its lifetime; ``None`` between sessions."""
+        """Returns a code that is valid for at least another ``CODE_VALID_S`` / 2; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
                 return None
@@ -111,7 +111,7 @@ class SessionLinks:
             return self._codes[-1].digits
 
     def exchange(self, digits: str) -> str:
-        """Returns the link for a code. The code is then used.
+        """Returns the link for a code. The code cannot be used again.
 
         Raises:
             TooManyCodes: if too many wrong codes were entered recently.

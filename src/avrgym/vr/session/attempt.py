@@ -25,7 +25,7 @@ from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 Configure = Callable[[int], Configuration]
-"""Function that returns the configuration of the attempt with a number."""
+"""Function that takes the number of an attempt and returns the attempt's configuration."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class AttemptResults:
     speed_mean_m_s: float = 0.0
 
     def after(self, step: ControlStep, steps: int) -> "AttemptResults":
-        """Returns the results after another control step with the number ``steps``."""
+        """Returns the results after another control step. ``steps`` is the number of steps, including this one."""
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
@@ -53,7 +53,7 @@ class AttemptResults:
 
 
 class Attempt:
-    """The running attempt. Arguments are times of the session's clock. Recorded times count from the attempt's start.
+    """The running attempt. Arguments ``…_s`` are on the session's clock. Recorded times are from the attempt's start.
 
     ``trial`` and the attempt's ``number`` count from 1. ``steps``, ``reward`` and ``attempt_results`` summarise its
     control steps. ``latest`` is the latest control step.
@@ -67,8 +67,8 @@ class Attempt:
         Args:
             folder: the folder of recordings; created if it is missing.
             trial: the trial's number, from 1.
-            configure: returns the configuration of the attempt with a number.
-            began_s: the present time.
+            configure: takes the number of an attempt and returns the attempt's configuration.
+            began_s: the current time.
             first_number: number of the first attempt in this folder; earlier attempts are in other folders.
 
         Raises:
@@ -153,11 +153,11 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:
-        """Record that the robot has finished. After a crash the attempt then counts. See ``submit_records``."""
+        """Record that the robot has finished. The attempt then counts even after a crash. See ``submit_records``."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:
-        """Record tracking frames in the order of arrival. The newest frame moved the person, except its held parts."""
+        """Record tracking frames in the order of arrival. The newest frame moved all parts except the held ones."""
         deviating = [part for part in PARTS if part in followed.deviating_parts or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
@@ -267,8 +267,8 @@ def configuration(
 
 
 def _open(folder: Path, trial: int, configure: Configure, number: int) -> tuple[int, RecordingWriter]:
-    """Create the recording of the first attempt without a file, from ``number`` on. Returns its number and
-    recording."""
+    """Create a recording for the first attempt, from ``number`` on, whose file does not exist. Returns the attempt's
+    number and the recording."""
     make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"

@@ -47,8 +47,10 @@ class AttemptStorage:
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
     def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
-        """Start an attempt at a trial, see ``Attempt``; both numbers count from 1. Raises ``OSError`` if recording
-        fails.
+        """Start an attempt at a trial, see ``Attempt``. ``trial`` and ``first_number`` count from 1.
+
+        Raises:
+            OSError: if no recording can be opened.
         """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.failing:
@@ -93,7 +95,7 @@ class AttemptStorage:
         return failure
 
     def take_failure(self) -> Exception | None:
-        """Returns the observer's failure. ``None`` if no data are lost and the participant already knows."""
+        """Returns the observer's failure. ``None`` without one, or if it loses no data and was already reported."""
         failure = self._sink.take_failure()
         at_stake = self.attempt is not None or self.completing is not None
         return failure if at_stake or not self.failing else None

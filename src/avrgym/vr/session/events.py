@@ -150,7 +150,7 @@ class Paused(SessionEvent):
 
 @dataclass(frozen=True)
 class StopRuleMet(SessionEvent):
-    """An answer met a stop rule. ``then``: the session pauses or ends. ``why``: the reason as text."""
+    """An answer met a stop rule. ``then``: whether the session pauses or ends. ``why``: the reason as text."""
 
     then: str
     why: str
@@ -163,7 +163,7 @@ class Continued(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """A part of the body that the task needs is untracked. It keeps its last pose."""
+    """A part of the body that the task needs is untracked. The simulated part keeps its last pose."""
 
     part: Part
 

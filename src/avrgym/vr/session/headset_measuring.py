@@ -23,7 +23,7 @@ _RIGHT: PoseGetter = lambda frame: frame.right  # noqa: E731
 
 
 class HeadsetMeasurement:
-    """Collects the client's messages of a headset check; ``stretching``: the participant stretches the arms."""
+    """Collects the client's messages of a headset check."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -36,7 +36,7 @@ class HeadsetMeasurement:
         self._stop_after_s: float | None = None
 
     def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
-        """Add a tracking frame."""
+        """Add a tracking frame. ``at_rest``: the participant rests. ``stretching``: they stretch their arms."""
         self._tracked.append(tracking)
         if at_rest:
             self._at_rest.append(tracking)
@@ -52,7 +52,7 @@ class HeadsetMeasurement:
         self._drawn.append(drawn)
 
     def take_stop(self, method: StopMethod | Literal["none"], after_s: float | None = None) -> None:
-        """Add the method of the test stop, and its time after the request. ``none``: no stop within the time limit."""
+        """Add the method of the test stop, and its delay after the request. ``none``: no stop within the time limit."""
         self._stop, self._stop_after_s = method, after_s
 
     @property
@@ -138,7 +138,7 @@ def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
 
 
 def _reach_m(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
-    """The maximum distance in metres of the part from the head."""
+    """Returns the maximum distance in metres of the part from the head; ``None`` without tracked poses."""
     distances = [
         float(np.linalg.norm(np.subtract(pose.position, frame.head.position)))
         for frame in frames

@@ -36,7 +36,7 @@ class TrialPlan:
 
 @dataclass(frozen=True)
 class OpenQuestionnaire:
-    """The questionnaire of a trial of an earlier session with unanswered items.
+    """A questionnaire with unanswered items, about a trial of an earlier session.
 
     ``trial`` and ``attempt`` count from 1. ``given`` are the existing answers, by item.
     """

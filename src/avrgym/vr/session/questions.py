@@ -28,7 +28,7 @@ class Questions:
 
     @property
     def earlier(self) -> int | None:
-        """The earlier answer to the current item."""
+        """The earlier answer to the current item; ``None`` without one."""
         return self._given.get(self._items[self._asked].id)
 
     def question(self) -> messages.Question:

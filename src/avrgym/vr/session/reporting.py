@@ -19,7 +19,7 @@ NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=
 
 
 class Reporter:
-    """Sends states and feedback of the present world. Call ``tick`` once per tick."""
+    """Sends states and feedback of the current world. Call ``tick`` once per tick."""
 
     def __init__(self, send: Send, state_interval_ticks: int = 1) -> None:
         """Create a reporter. If ``state_interval_ticks`` is above 1, states at the end of a control step are sent a

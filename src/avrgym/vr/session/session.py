@@ -112,7 +112,7 @@ class Session:
 
     @property
     def trial(self) -> int:
-        """The index of the running or next trial of the plan; the number of trials after the last."""
+        """The index of the running or next trial of the plan. After the last trial, this is the number of trials."""
         return self._state.trial
 
     @property
@@ -147,12 +147,12 @@ class Session:
 
     @property
     def world(self) -> LiveWorld:
-        """The present world."""
+        """The current world."""
         return self._state.world
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The order of the poses in every state."""
+        """The names of the bodies, in the order of the poses in every state."""
         return self.world.bodies
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
@@ -231,13 +231,13 @@ class Session:
         return self._state.ending and idle
 
     def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
-        """The open questionnaire of an earlier session."""
+        """Returns the phase that presents the open questionnaire of an earlier session."""
         state = self._state
         state.storage.questionnaire_attempt = QuestionnaireAttempt(left.trial, left.attempt, left.recording)
         return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
-        """Enter a phase if it differs from the present one. Returns whether it does."""
+        """Enter a phase, unless it is the current one. Returns whether the phase has changed."""
         if phase is self._phase:
             return False
         self._enter(phase)
@@ -269,7 +269,7 @@ class Session:
             send(self._phase.question)
 
     def _follow(self) -> None:
-        """Move the person to the newest tracking frame. If it is stale, the person keeps the pose."""
+        """Move the person to the newest tracking frame. If this frame is stale, the person keeps their pose."""
         state, attempt = self._state, self._state.storage.attempt
         followed = state.tracking.follow(self.world.task.tracked, state.now_s)
         if followed.pose is not None:

@@ -34,7 +34,7 @@ from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 NOT_IN_VR = Text("waiting")
-"""The reason before the participant has entered VR."""
+"""The value of ``away`` before the participant has entered VR."""
 LATENCY_SECONDS = 5
 """Number of seconds in the latency statistics of the experimenter's page."""
 
@@ -92,7 +92,7 @@ class SessionState:
 
     @property
     def world(self) -> LiveWorld:
-        """The present world."""
+        """The current world."""
         return self.worlds.world
 
     @property
@@ -133,7 +133,7 @@ class SessionState:
         return self.world.scene(self.worlds.number, registration)
 
     def body_message(self) -> messages.Body:
-        """Returns the participant's body, and the available ones."""
+        """Returns the participant's body model, and the available skin tones."""
         tones = list(SKIN_TONES), list(SKIN_TONES.values())
         return messages.Body(self.person.sex, self.person.skin_tone, *tones)
 
@@ -154,13 +154,13 @@ class SessionState:
             self.send_changed_scene()
 
     def send_placed(self, send: Send) -> None:
-        """Send the world's new place while it follows a participant who has slid."""
+        """While the world moves after a participant who has slid, send its target pose."""
         placed = self.tracking.placed
         if placed is not None:
             send(placed)
 
     def follow_seat(self) -> None:
-        """Move the seat after a participant has slid. Records the start and each place of this motion."""
+        """Move the seat after a participant has slid. Records the start of this motion and each new world pose."""
         before = self.tracking.registration
         glide = self.tracking.follow_seat(self.world.joint_targets_rad)
         if glide is not None:
@@ -177,7 +177,7 @@ class SessionState:
                 self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
     def apply_stop_rule(self, decision: StopDecision) -> None:
-        """Prevent further trials, because an answer met a stop rule. The present questionnaire is completed first."""
+        """Prevent further trials, because an answer met a stop rule. The current questionnaire is completed first."""
         self.prevent_trials(decision)
         self.record_event("stop_rule_met", decision.why)
         self.sink.report(events.StopRuleMet(self.now_s, decision.then, decision.why))
@@ -191,7 +191,7 @@ class SessionState:
     # The participant's body --------------------------------------------------------------------------------------
 
     def set_torso_height(self, torso_height_m: float) -> None:
-        """Change the body's torso height. Its place does not change.
+        """Change the body's torso height. The participant's place does not change.
 
         Raises:
             ValueError: for a height outside the range of adults. The message contains the range.
@@ -260,7 +260,10 @@ class SessionState:
     # Latency of the pictures -------------------------------------------------------------------------------------
 
     def take_latency(self, message: messages.Latency) -> schema.Latency | None:
-        """Record the client's latencies of the last second, if they are complete, and update the percentiles."""
+        """Record the client's latencies of the last second, and update the percentiles.
+
+        Returns the latencies; ``None`` if they are incomplete.
+        """
         latency = schema.Latency(*(getattr(message, name) for name in schema.Latency.__struct_fields__))
         if not is_complete(latency):
             self.report("a latency needs an entry of each stage for each frame")
@@ -297,7 +300,7 @@ class SessionState:
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def record_driver_failures(self) -> None:
-        """Record failures of the driver and their ends. Reports each kind of failure once per attempt."""
+        """Record when a failure of the driver begins or ends. Reports each kind of failure once per attempt."""
         if isinstance(self.driver, Operator):
             self.driver.check_timeout(self.now_s)
         failure = self.driver.failure

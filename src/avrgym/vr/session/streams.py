@@ -12,7 +12,7 @@ from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 
 SEND_INTERVAL_TICKS = 2
-"""Interval of poses and forces (50 Hz)."""
+"""Interval at which poses and forces are sent (50 Hz)."""
 
 
 class Streams(Protocol):

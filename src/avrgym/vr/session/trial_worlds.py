@@ -1,4 +1,4 @@
-"""The worlds of a session: the present one, the next one, and the scene that a client shows."""
+"""The worlds of a session: the current one, the next one, and the scene that a client shows."""
 
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -16,7 +16,7 @@ class TrialWorlds:
     """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
     ``scenes`` contains environment, person and settings of each scene, by the number in its address. ``number`` is the
-    scene of the present ``world``.
+    scene of the current ``world``.
     """
 
     def __init__(
@@ -39,21 +39,21 @@ class TrialWorlds:
 
     @property
     def url(self) -> str:
-        """The address of the present world's scene."""
+        """The address of the current world's scene."""
         return scene_url(self.number)
 
     def is_fresh(self, trial: int, person: Person) -> bool:
-        """Returns whether the present world was built for this trial and body, and its robot has not moved."""
+        """Returns whether the current world was built for this trial and body, and its robot has not moved."""
         return self._fresh_for == _key(trial, person)
 
     def mark_used(self) -> None:
-        """Mark the present world as used: the robot moves."""
+        """Mark the current world as used: the robot moves."""
         self._fresh_for = None
 
     def prepare(self, trial: int, person: Person) -> None:
         """Start to build a trial's world, if it does not exist and is not in preparation.
 
-        If the environment does not change, its person has the present pose, otherwise the task's pose.
+        In the same environment, the new person has the current pose; in another one, the rest pose of its task.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.key):
@@ -66,7 +66,7 @@ class TrialWorlds:
         self._preparation.request(key, plan.environment, start_person, self._plan.settings, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
-        """Returns the address of a trial's scene; ``None`` if it is the present scene."""
+        """Returns the address of a trial's scene; ``None`` if it is the current scene."""
         number = self._number(self._plan.trials[trial].environment, person)
         return None if number == self.number else scene_url(number)
 
@@ -76,7 +76,7 @@ class TrialWorlds:
         return self._preparation.ready
 
     def switch(self) -> None:
-        """Replace the present world by the prepared one. Raises the error of its preparation, if any."""
+        """Replace the current world by the prepared one. Raises the error of its preparation, if any."""
         key, world = self._preparation.key, self._preparation.take()
         self.number = self._number(world.environment_id, world.person)
         self.world, self._fresh_for = world, key
@@ -92,11 +92,11 @@ class TrialWorlds:
 
     @property
     def is_shown(self) -> bool:
-        """Whether the client shows the present world's scene."""
+        """Whether the client shows the current world's scene."""
         return self._shown == self.number
 
     def _number(self, environment: str, person: Person) -> int:
-        """The number of an environment's scene with this person. Adds a new scene if there is none."""
+        """Returns the number of an environment's scene with this person. Adds the scene if it does not exist."""
         settings = self._plan.settings
         for number, (known, body, applied) in enumerate(self.scenes):
             same = (known, applied) == (environment, settings)

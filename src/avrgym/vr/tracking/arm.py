@@ -3,7 +3,7 @@
 The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that intersect at the wrist. A hand pose
 leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist (Tolani, Goswami and
 Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000). Each swivel
-angle determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the present one.
+angle determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the current one.
 Joint ranges and speed limits may leave an error of the hand, which damped least squares reduce with all joints.
 
 All quantities are in the shoulder's frame, which has the torso's axes. The left arm is solved as the mirror image of a
@@ -29,7 +29,7 @@ ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
 LOWER, UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
 _FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimum, np.maximum))
-"""Angles are reduced to within ±π of a value between these. The interval then lies in the joint's range or covers
+"""Each angle is reduced to ±π around a value between these bounds. This interval lies in the joint's range or covers
 it."""
 
 MAX_TURN_RAD = 0.0999
@@ -45,7 +45,7 @@ m."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
-"""Costs of a swivel per squared radian outside a joint's range, and per squared radian from the present angles."""
+"""Costs of a swivel per squared radian outside a joint's range, and per squared radian from the current angles."""
 SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006, 0.012
 """Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
 never jump. All costs are tuned on poses of free movement."""
@@ -95,8 +95,8 @@ class ArmSolver:
         Args:
             hand_pos: the hands' centres (A, 3), metres. For positions out of reach the arm stretches towards them.
             hand_axes: the hands' axes (A, 3, 3) as columns.
-            start_rad: the present angles (A, 7).
-            turn_rad: maximum rotation of a joint from its present angle.
+            start_rad: the current angles (A, 7).
+            turn_rad: maximum rotation of a joint from its current angle.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
@@ -318,7 +318,7 @@ def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatA
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
     """The costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
-    The cost of motion is the squared difference from the present angle of each joint, the cost of discomfort that from
+    The cost of motion is the squared difference from the current angle of each joint, the cost of discomfort that from
     its comfortable angle. Up to a constant, their sum is the squared difference from the weighted mean of both angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
@@ -335,14 +335,15 @@ COMFORT_COSTS = np.array([SHOULDER_Y_COST, 0.0, SHOULDER_Z_COST, 0.0, FOREARM_CO
 
 
 def _vertex(costs: FloatArray, lowest: int) -> float:
-    """The minimum of the parabola through the lowest cost and its neighbours, −0.5 to 0.5 from it."""
+    """Returns the offset in steps, −0.5 to 0.5, from the lowest cost to the vertex of the parabola through it and its
+    neighbours."""
     before, here, after = costs[lowest - 1], costs[lowest], costs[(lowest + 1) % len(costs)]
     curvature = before - 2.0 * here + after
     return float(0.5 * (before - after) / curvature) if curvature > 1e-12 else 0.0
 
 
 def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
-    """Clip to a range. ``numpy.clip`` takes several times as long for a few numbers."""
+    """Clip ``x`` to a range. For a few numbers, ``numpy.clip`` takes several times longer."""
     return np.minimum(np.maximum(x, lower), upper)
 
 

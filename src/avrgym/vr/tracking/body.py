@@ -73,7 +73,7 @@ def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
-    """Returns angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
+    """Returns joint angles (6,) that bring the head to its pose, within the joint ranges: waist x, y, z, head x, y, z.
 
     The waist bends until the head joints are on the line to their tracked position. With joints in the order x, y, z
     the torso points along (sin b, −sin a cos b, cos a cos b). Let ψ be the vector from waist to head joints in the
@@ -111,7 +111,7 @@ class _Aim:
     """The target of a pose: the torso's angles (6,), and the hand poses of A arms.
 
     ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are in the frame of
-    the right shoulder, a left hand reflected. ``reflect`` (A, 7) are the signs of reflected angles.
+    the right shoulder; a left hand is reflected. ``reflect`` (A, 7) are the signs of reflected angles.
     """
 
     torso_rad: FloatArray

@@ -79,7 +79,7 @@ def _wrist_w(hand: Pose, hand_m: float) -> FloatArray:
 
 
 def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
-    """Returns the scale of a person's arms, from wrist distances to the shoulder in each pose.
+    """Returns the scale of a person's arms. ``reached_m``: the wrist's distance from the shoulder in each pose.
 
     Raises:
         ValueError: for arms outside the range of adults, or a missing pose. The message contains the allowed values.

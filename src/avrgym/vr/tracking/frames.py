@@ -124,7 +124,7 @@ class TrackingFeed:
         return head
 
     def _captured_s(self, tracking: Tracking, now_s: float) -> float:
-        """The capture time, limited to the present."""
+        """Returns the capture time of a frame, limited to the last ``STALE_S``."""
         if self.newest is None:
             return now_s
         passed_s = (tracking.client_time_ms - self.newest.tracking.client_time_ms) / 1000.0
@@ -143,7 +143,7 @@ class TrackingFeed:
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
-    """Returns the poses of head and hands of a usable frame in the world frame. Tracked hands have wrist poses."""
+    """Returns the world poses of head and hands in a usable frame. The frame contains wrist poses of bare hands."""
     assert frame.head is not None
 
     def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:

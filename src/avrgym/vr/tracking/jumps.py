@@ -43,7 +43,7 @@ def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class Limb:
-    """The filtered pose of a head or hand. ``deviates``: it differs from the tracked pose."""
+    """The filtered pose of a head or hand. ``deviates``: the filtered pose differs from the tracked pose."""
 
     def __init__(self) -> None:
         self.deviates = False

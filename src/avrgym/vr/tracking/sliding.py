@@ -25,7 +25,8 @@ SLIDING_THRESHOLD_M = 0.02
 """If a resting head is farther than this from its solved position, the participant has slid."""
 MAX_DISTANCE_M = 0.6
 MAX_SHIFT_M = 0.1
-"""A participant who is farther than this from the rest position, or higher above it, has left the seat."""
+"""A participant has left the seat if they are farther than ``MAX_DISTANCE_M`` from the rest position, or higher than
+``MAX_SHIFT_M`` above it."""
 GLIDE_SPEED_M_S = 0.05
 """Speed of the room. It is low because everything visible moves."""
 
@@ -78,7 +79,10 @@ class SlidingMonitor:
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
 
     def _glide(self, head: Pose) -> Glide | None:
-        """The shortest horizontal shift that brings the head joints within the torso's length."""
+        """Returns the shortest horizontal motion after which the torso reaches the head joints.
+
+        Returns ``None`` if this motion is too small or too large.
+        """
         away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
         distance_m = float(np.linalg.norm(away))
         if distance_m <= SLIDING_THRESHOLD_M:

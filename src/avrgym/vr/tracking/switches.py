@@ -36,7 +36,7 @@ METRES_PER_RADIAN = 0.15
 
 @dataclass(frozen=True)
 class Correction:
-    """The transform from the present device's grip to the corrected grip: position (3,), rotation vector (3,)."""
+    """The transform from the current device's grip to the corrected grip: position (3,), rotation vector (3,)."""
 
     pos: FloatArray
     turn_rad: FloatArray
@@ -59,12 +59,12 @@ class Correction:
         )
 
     def after(self, way_m: float) -> "Correction | None":
-        """Returns the remaining correction after the hand has moved by ``way_m``."""
+        """Returns the remaining correction after the hand has moved by ``way_m``; ``None`` if nothing remains."""
         left = 1.0 - FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
 
     def of(self, grip: XRPose) -> XRPose:
-        """Apply the correction to a grip."""
+        """Returns the corrected grip."""
         pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
         angle_rad = self.angle_rad
         axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])

@@ -71,7 +71,7 @@ class TrackingState:
         return self._feed.take_arrived()
 
     def age_s(self, now_s: float) -> float | None:
-        """Returns the age of the newest usable frame."""
+        """Returns the age of the newest usable frame; ``None`` before the first."""
         newest = self._feed.newest
         return None if newest is None else now_s - newest.received_s
 
@@ -122,8 +122,10 @@ class TrackingState:
         return self._feed.steady_head(now_s)
 
     def follow(self, needed: Collection[Part], now_s: float) -> TrackingUpdate:
-        """Compute the body's target pose from the newest frame, if it is fresh. ``needed``: parts that the task
-        needs."""
+        """Returns the tracking of this tick, with the body's target pose if the newest frame is fresh.
+
+        ``needed``: parts of the body that the task needs.
+        """
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, deviating_parts_before, lost_before = (
             self._feed.take_arrived(),
@@ -201,7 +203,7 @@ class TrackingState:
         self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
     def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
-        """The target pose of the body. Without a new frame, arms continue towards their targets."""
+        """Returns the target pose of the body. Without a new frame, deviating parts continue to their tracked poses."""
         if newest is not self._followed:
             self._followed = newest
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)

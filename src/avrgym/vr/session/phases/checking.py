@@ -44,7 +44,7 @@ class HeadsetCheckPhase(InVR):
         self._measurement = measurement
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """Add a tracking frame. The participant's place is determined as in a trial, to render frames as in a trial."""
+        """Add a tracking frame. The first usable frame places the participant, so frames are rendered as in a trial."""
         self.state.take_placing_tracking(tracking)
 
     @property
@@ -117,7 +117,7 @@ class CheckAtRest(TimedMeasurement):
         self.seconds = self._durations.at_rest_s
 
     def on_timeout(self) -> CheckStretched | CheckMoving:
-        """Continue. Without a headset, the measurement with stretched arms is omitted."""
+        """Continue with the next measurement. Without a headset, the measurement with stretched arms is omitted."""
         with_mouse = "mouse" in self.state.tracking.modalities
         return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
 
@@ -164,7 +164,7 @@ class CheckStop(HeadsetCheckPhase):
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> CheckSenses | CheckResult | Self:
-        """Store the participant's test stop and continue. The experimenter cannot perform it instead."""
+        """Store the participant's test stop and continue. A stop by the experimenter does not count."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
         self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)

@@ -146,7 +146,7 @@ class InPlace(InVR):
 
 
 class RobotFinished(InPlace):
-    """The robot has finished, so the trial counts. A participant who returns answers the open questions."""
+    """The robot has finished, so the trial counts. After an absence, the participant answers the open questions."""
 
     robot_finished = True
 
@@ -204,7 +204,7 @@ class RobotFinished(InPlace):
         return [item.id for item in self.state.plan.items_after(self.state.current)]
 
     def _continue_without_participant(self, why: Text) -> phases.AfterRobot:
-        """Close the recording. A participant who returns first answers the open questions, then is calibrated again."""
+        """Close the recording. On return, the participant answers the open questions and is then calibrated again."""
         self.state.away = why
         failure = self.state.complete_attempt()
         if failure is not None:

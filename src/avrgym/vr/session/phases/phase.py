@@ -59,7 +59,7 @@ class Phase:
         """Take the render times of the last second's frames."""
 
     def enter_vr(self) -> Phase:
-        """The participant entered VR, or plays without a headset."""
+        """The participant entered VR, or takes part without a headset."""
         return self
 
     def leave_vr(self) -> Phase:
@@ -150,7 +150,7 @@ class Phase:
     # Called in each tick, in this order -----------------------------------------------------------------------
 
     def cancel(self) -> Phase:
-        """The session was ended elsewhere."""
+        """The session was ended elsewhere, or a stop rule ends it."""
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
@@ -179,7 +179,7 @@ class Phase:
         return self
 
     def wait(self) -> Phase:
-        """Check whether the event has occurred for which the phase waits."""
+        """If the event for which the phase waits has occurred, returns the next phase."""
         return self
 
     def on_timeout(self) -> Phase:
@@ -189,7 +189,7 @@ class Phase:
     # -------------------------------------------------------------------------------------------------------------
 
     def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
-        """Reject a request, and show the text ``key``."""
+        """Reject a request, and show the text ``key`` to its sender."""
         if by == "participant":
             self.state.explain(Text(key))
         else:

@@ -19,7 +19,7 @@ from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = Text("waiting")
 REACH_S, REACH_FRAMES = 5.0, 60
-"""Duration of each pose, and number of its last frames that are used."""
+"""Duration of each pose in seconds, and the number of its last frames that are used."""
 
 
 class Waiting(Ongoing):
@@ -61,7 +61,7 @@ class Calibration(InVR):
     def on_ready(self) -> LoadCheck | ReachForward | Self:
         """Calibrate height, place and direction from the last half second of tracking.
 
-        Without a headset there are no arms to stretch.
+        Without a headset, the arms are not measured.
         """
         state = self.state
         measured, posture = not state.height_known, state.world.scene_config.posture
@@ -108,7 +108,7 @@ class ReachMeasurement(InVR, ABC):
 
     @property
     def _all_m(self) -> tuple[float, ...]:
-        """The distances of all poses until now; empty if this pose was not tracked."""
+        """The wrist's distance from the shoulder in each pose until now; empty if the current pose was not tracked."""
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
@@ -189,7 +189,7 @@ class LoadCalibration(Loading):
 
 
 class LoadCheck(Loading):
-    """The check of the body starts when it is shown."""
+    """The check of the body starts when the body is shown."""
 
     def loaded(self) -> Check:
         return Check(self.state)
