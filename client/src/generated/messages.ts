@@ -223,8 +223,8 @@ export interface ChooseParticipantBody {
 
 /** Velocity command of the operator for the robot's hand, sent many times a second while `engaged`.
  *
- * Shares of the maximum speeds in the participant's frame: `linear` forward, left and up, `angular` about these
- * axes. The robot holds still when the operator disengages or sends no commands. */
+ * The components are shares of the maximum speeds. `linear`: forward, left and up in the participant's frame;
+ * `angular`: about these axes. The robot holds still when the operator disengages or sends no commands. */
 export interface Drive {
   type: "drive";
   engaged: boolean;
@@ -270,10 +270,10 @@ export interface Body {
 /** A scene to display: the address of a GLB whose nodes have `extras.body`, and the pose of the world.
  *
  * `xr_from_world` is the pose of the z-up world frame in `local-floor`; apply it to the root node. `bodies`:
- * the order of the poses in the following states. The positions of `marks` on the person follow them; all marks
- * have one radius and colour (RGB in [0, 1]). `head_bodies` are hidden in the first-person view, whose eyes are at
- * `eyes` in the frame of the first of them (x left, −y forward, z up). `skeleton`: the participant's body
- * dimensions; names of its bodies begin with `person/`. */
+ * the order of the poses in later state messages. There, the positions of the `marks` on the person come after the
+ * bodies. All marks have the same radius and colour (RGB in [0, 1]). The first-person view hides `head_bodies`. Its
+ * viewpoint is `eyes`, in the frame of the first head body (x left, −y forward, z up). `skeleton`: the
+ * participant's body dimensions. Names of the participant's bodies begin with `person/`. */
 export interface Scene {
   type: "scene";
   url: string;
@@ -316,14 +316,15 @@ export interface Passed {
 
 /** The state of the world at one time, as the difference to the previous state of this connection.
  *
- * The first state after a scene is complete. `tracking_sequence`: the newest tracking frame that this state
- * includes, -1 before the first. `joint_targets`: target angles of the person's joints. `deviating_parts`: parts
- * of the body that cannot follow tracking, because of an obstacle or lost tracking; the client draws the simulated
- * poses of these parts.
+ * The first state after a `scene` message contains all rows. `tracking_sequence`: the newest tracking frame that
+ * this state includes, -1 before the first. `joint_targets`: target angles of the person's joints.
+ * `deviating_parts`: parts of the body that cannot follow tracking, because of an obstacle or lost tracking; the
+ * client draws the simulated poses of these parts.
  *
- * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has steps of 0.1 mm and 5e-5, and one row
- * x, y, z, w, x, y, z per body or mark. Unchanged rows are omitted: each row begins with the number of omitted rows,
- * then contains its differences in zigzag encoding. All numbers are varints as in Protocol Buffers. */
+ * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has one row x, y, z, w, x, y, z per body or
+ * mark, with steps of 0.1 mm for the position and 5e-5 for the quaternion. Unchanged rows are omitted: each row begins
+ * with the number of omitted rows before it, then contains its differences in zigzag encoding. All numbers are varints
+ * as in Protocol Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;
@@ -352,8 +353,8 @@ export interface Phase {
 
 /** A questionnaire item.
  *
- * `labels`: texts of the buttons; by default they are numbered from 1 to `points`. `previous_answer`: the
- * participant's earlier answer, after going back. */
+ * `low` and `high`: texts at the ends of the scale. `labels`: texts of the buttons; by default the buttons are
+ * numbered from 1 to `points`. `previous_answer`: the answer before the participant went back, if any. */
 export interface Question {
   type: "question";
   item: string;
@@ -367,7 +368,7 @@ export interface Question {
   previous_answer: number | null;
 }
 
-/** An error in a message or a measurement, and what is allowed. The session continues.
+/** An error in a message or a measurement, with the allowed values. The session continues.
  *
  * `message` is for VR with a trigger, `page_message` for the page without a headset, and `messages_by_input` for
  * other kinds of input, if they differ. `role`: the role that receives it. The experimenter receives all problems. */
@@ -392,14 +393,16 @@ export interface Feedback {
 
 /** The status of the session, several times a second, for watchers only.
  *
- * `step`: control steps of the attempt. `reward`: their sum. `success`: so far. Distance and force are those of
+ * `step`: number of control steps of the attempt. `reward`: the sum of their rewards. `success`: whether the
+ * attempt has succeeded until now. Distance and force are those of
  * the latest step. `force_region`: the body region with the highest force relative to its limit; `force_share`:
  * this ratio; empty and 0 without contact. `retracting`: the force guard moves the robot. `withdrawing`: the robot
  * withdraws its tool after success, or has withdrawn it. `tracking_age_s`: time since the newest valid frame.
- * `untracked_parts` have stale poses. Those in `needed_parts` hold the robot, and end the attempt after a second.
+ * `untracked_parts` have stale poses. If one of them is in `needed_parts`, the robot holds still, and the attempt
+ * ends after a second.
  * `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without an action.
  * `pause_reason`: the answer that triggered a stop rule, or empty. `latency`: recent latencies from
- * tracking to display, in total (`total_ms`) and by stage. `streams`: those of other devices. */
+ * tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices. */
 export interface Status {
   type: "status";
   phase: PhaseName;

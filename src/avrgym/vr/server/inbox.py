@@ -43,8 +43,8 @@ class Inbox:
         """Add a message at the end, or at the front if it stops the robot.
 
         A loss of visibility is handled twice: immediately, and again in order, because an earlier message may report
-        the opposite. If a participant disconnects while more messages wait than a tick can handle, the participant's messages are
-        discarded.
+        the opposite. If a participant disconnects while more messages wait than a tick can handle, the participant's
+        messages are discarded.
         """
         with self._lock:
             if holds_robot(message):
