@@ -28,13 +28,14 @@ MAX_DEPTH_M = 10.0
 LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
 STATE = "state"
-"""Name of the entry without images in an observation with cameras."""
+"""In an observation with cameras: name of the entry that contains no image."""
 SCENE_FOVY_DEG = 45.0
 WRIST_FOVY_DEG = 58.0
 """Vertical field of view of the depth camera of an Intel RealSense D435 (data sheet: 87° × 58°), which many hands
 carry. Its colour images are aligned with its depth."""
 WRIST_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
-"""Position of the wrist camera from the tool's grip, in the tool's frame: behind it and above the fingers."""
+"""Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
+fingers."""
 WRIST_TARGET_M = np.array([0.40, 0.0, 0.0])
 """Point on the optical axis of the wrist camera, in the tool's frame: ahead of the working point."""
 _FLOOR_RGBA = [0.72, 0.71, 0.68, 1.0]
@@ -80,7 +81,8 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"fovy_deg of camera {self.name!r} is {self.fovy_deg!r}; allowed: 5 to 150")
 
     def entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
-        """Shape, type and largest value of each image, by the name of its entry, such as ``wrist_rgb``."""
+        """Returns shape, type and largest value of each image, by the name of the image's entry, such as
+        ``wrist_rgb``."""
         size = (self.height_px, self.width_px)
         format_of_kind: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
             "rgb": ((*size, 3), np.uint8, 255),
@@ -148,7 +150,7 @@ def camera_from_text(text: str) -> CameraSpec:
 def image_entries(
     cameras: Iterable[CameraSpec],
 ) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
-    """Shape, type and largest value of each image of some cameras, by the name of its entry."""
+    """Returns shape, type and largest value of each image of the given cameras, by the name of the image's entry."""
     return {name: entry for camera in cameras for name, entry in camera.entries().items()}
 
 
@@ -179,7 +181,8 @@ def add_cameras(
 
 
 def camera_rotation(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
-    """Rotation (4,) of a camera that looks forward. The axes are MuJoCo's: forward is −z, up is y, right is x."""
+    """Rotation (4,) of a camera that looks along ``forward``. The camera's axes are MuJoCo's: −z forward, y up, x
+    right."""
     back = -np.asarray(forward, float) / np.linalg.norm(forward)
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
@@ -204,7 +207,7 @@ def add_surroundings(spec: mujoco.MjSpec) -> None:
 
 
 def visible_groups() -> mujoco.MjvOption:
-    """Options that show visual geoms only."""
+    """Returns MuJoCo's rendering options that show visual geoms only."""
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
     option.geomgroup[VISUAL_GROUP] = 1

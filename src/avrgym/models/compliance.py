@@ -77,7 +77,7 @@ The cloth's own springs are much softer."""
 INVERSE_MASS_PER_KG = 3.2
 """Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
 MAX_DEPTH_M = 0.05
-"""Beyond this depth the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches it."""
+"""At larger depths the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches it."""
 TREMOR_STRENGTH_SHARE = 1 / 3
 """Share of their strength that people with tremor use (assumption). The measured tremor is ±6° at the shoulder and ±17°
 at the head; with full strength it would be ±7° and ±20°."""

@@ -17,14 +17,14 @@ from avrgym.models.tools import Hull, Particles, Tool
 
 _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
 _GRIP_HEIGHT_M = 0.05
-"""Height of the hand above the foot."""
+"""Height of the robot's hand above the cup's foot."""
 _FREE_BELOW_RIM_M = 0.02
 """Least height of the rim above the water."""
 
 
 @dataclass(frozen=True)
 class CupShape:
-    """A cup: radii of rim and foot, and height. The frame's origin is the pouring edge of the rim."""
+    """A cup: radii of rim and foot, and height. The origin of the tool's frame is the pouring edge of the rim."""
 
     rim_radius_m: float
     foot_radius_m: float
@@ -32,7 +32,7 @@ class CupShape:
 
     @property
     def axis_x_m(self) -> float:
-        """The cup's axis in the tool's frame."""
+        """x coordinate of the cup's axis in the tool's frame."""
         return -self.rim_radius_m
 
     @property
@@ -90,7 +90,7 @@ WATER = Particles(
 
 @lru_cache
 def cup(name: str = "cup", particles: int = len(WATER.start)) -> Tool:
-    """The cup of a shape, with particles of water.
+    """Returns a cup with the shape ``name`` and ``particles`` particles of water.
 
     Raises:
         ValueError: for an unknown shape, and for more particles than the cup has room for.
@@ -116,7 +116,7 @@ def cup(name: str = "cup", particles: int = len(WATER.start)) -> Tool:
 
 
 def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A floor and a ring of tilted walls. The pouring edge is between two walls."""
+    """Build a floor and a ring of tilted walls. The pouring edge is between two walls."""
     floor = [shape.axis_x_m, 0.0, 0.5 * _FLOOR_M - shape.height_m]
     size = [shape.foot_radius_m, 0.5 * _FLOOR_M, 0.0]
     add_collision(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
@@ -128,7 +128,7 @@ def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appea
 
 
 def _outline(shape: CupShape) -> list[tuple[float, float]]:
-    """Radius and height of the visual mesh: that of ``CUP_SHAPE``, stretched."""
+    """Points (radius, height) of the visual mesh's profile: the profile of ``CUP_SHAPE``, stretched to a shape."""
 
     def wider(share: float) -> float:
         rim, foot = (1.0 - share) * shape.rim_radius_m, share * shape.foot_radius_m
@@ -139,7 +139,7 @@ def _outline(shape: CupShape) -> list[tuple[float, float]]:
 
 
 def _add_wall(shape: CupShape, body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
-    """A box whose inner face touches the cone at ``angle_rad`` around the cup's axis."""
+    """Add a box as a wall. Its inner side touches the cup's inner cone at ``angle_rad`` around the cup's axis."""
     around = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle_rad))
     lean = transforms.from_axis_angle([0.0, 1.0, 0.0], shape.taper_rad)
     outward = transforms.rotate(around, [1.0, 0.0, 0.0])
@@ -161,7 +161,7 @@ _OUTLINE = [
     (0.0455, -0.006), (0.0465, -0.005), (0.0478, -0.003), (0.0478, -0.001), (0.0470, 0.0),
     (0.0455, -0.0005), (0.0445, -0.002), (0.0325, -0.117), (0.030, -0.119), (0.0, -0.119),
 ]  # fmt: skip
-"""Radius and height of the cup's visual mesh, with a rolled rim."""
+"""Points (radius, height) of the profile of the cup's visual mesh, with a rolled rim."""
 
 CUP = cup()
-"""The cup by default."""
+"""The default cup."""

@@ -50,7 +50,7 @@ class DifferentialDrive:
 DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
 """Displacement of a driving base from its start: slides along x and y of the base's start pose, and a hinge about z."""
 DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
-"""Velocity servos of a driving base, in its own frame. The command sideways is 0."""
+"""Velocity servos of a driving base, in the base's own frame. The sideways command is always 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
 """Damping of the drive's servos divided by the robot's mass or inertia: the highest value without oscillation at the
 force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps by 4 mm/s until the

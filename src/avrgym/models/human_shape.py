@@ -57,10 +57,11 @@ HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's own view."""
 
 POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
-"""Ranges of stored positions and mouth openings, and the extent of an open mouth."""
+"""Ranges of stored positions and mouth openings, and the share of the opening that an open mouth has."""
 ARM = ("upper_arm", "forearm")
 CROWN_STRETCH_SHARE = 0.5
-"""Share of the torso's stretch added to the height of the head above the mouth, like its collision sphere."""
+"""Share of the torso's stretch with which the head above the mouth is stretched. The head's collision sphere moves in
+the same way."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ Place = Literal["wheelchair", "bed"]
 PLACES: tuple[Place, ...] = ("wheelchair", "bed")
 """Places of the person: in the wheelchair or in bed."""
 Furniture = Callable[[mujoco.MjSpec, bool], None]
-"""Adds bodies to a scene, in the world's frame. The second argument adds visual geoms."""
+"""A function that adds bodies to a scene, in the world's frame. The second argument: whether to add visual geoms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class CameraMount:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot. It can do the tasks for which it has arm, mount and grip.
+    """A robot. It can do a task if it has the arm, the mount and the grip that the task needs.
 
     Attributes:
         name: part of the environment ids.
@@ -187,11 +187,12 @@ class Robot:
     drive: DifferentialDrive | None = None
 
     def first_joint(self, arm: Arm) -> str:
-        """Name of the joint that moves everything that moves: the arm's first one, or one of the drive."""
+        """Name of the joint that moves all moving bodies of the robot: the arm's first joint, or a joint of the
+        drive."""
         return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
 
     def action_names(self, arm: Arm) -> tuple[str, ...]:
-        """Names of the A components of an action: the joints, then ``DRIVE_ACTIONS`` of a driving robot."""
+        """Names of the A components of an action: the arm's joints and, for a driving robot, ``DRIVE_ACTIONS``."""
         return (*arm.joints, *(() if self.drive is None else DRIVE_ACTIONS))
 
 
@@ -200,7 +201,7 @@ class UnsuitableError(ValueError):
 
 
 def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
-    """Arm and mount for a tool at a place.
+    """Returns arm and mount for a tool at a place of the person.
 
     Raises:
         UnsuitableError: if the robot has no such arm, mount or grip.
@@ -276,7 +277,7 @@ def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appea
 
 
 def _set_collision_bits(spec: mujoco.MjSpec, bits: CollisionBits, appearance: bool) -> None:
-    """Set the bits of all geoms that collide, and delete those that are only visible unless they are wanted."""
+    """Set the bits of all collision geoms. Without ``appearance``, delete all visual geoms."""
     for geom in list(spec.geoms):
         if geom.group == collision_bits.VISUAL_GROUP:
             if not appearance:
@@ -295,7 +296,7 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
     """Weld all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
 
-    A joint that mimics another (an equality in MuJoCo) follows it, also while that one moves.
+    A joint that mimics another one (an equality in MuJoCo) follows it, also if the other joint moves.
 
     Raises:
         ValueError: for a moving joint that mimics another one.
@@ -456,8 +457,8 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
 
 
 BRAKING_TIME_S = 0.04
-"""Time constant of the brakes. They halve the speed of all joints every 10 ms. The hand therefore continues in a
-straight line, for 2 cm at 1 m/s."""
+"""Time constant of the brakes. The brakes halve the speed of all joints every 10 ms. The hand therefore continues in a
+straight line: for 2 cm, if its speed was 1 m/s."""
 BRAKE_IMPEDANCE = 0.9999
 """Impedance of a brake, the highest in MuJoCo. The remaining share of the load makes the joint creep."""
 

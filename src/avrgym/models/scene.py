@@ -60,13 +60,13 @@ class SceneConfig:
 
     @property
     def speed_limit(self) -> FloatArray:
-        """Speeds (A,) of actions of 1: rad/s of hinges and turns, m/s of slides and forward."""
+        """Speeds (A,) for actions of 1: rad/s for hinges and for turning, m/s for slides and for driving forward."""
         drive = () if self.robot.drive is None else self.robot.drive.speed_limit
         return np.concatenate([self.arm.speed_limit, drive])
 
 
 def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
-    """Build the scene.
+    """Returns the model of a scene.
 
     Args:
         scene: furniture, robot and tool.
@@ -131,7 +131,7 @@ TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
 ANY_FORCE_SENSOR = "force_on_person"
 ANY_CONTACT_SENSOR = "contacts_with_person"
 ANY_CONTACTS = 96
-"""Number of contacts reported of everything that touches the person, in scenes with cloth."""
+"""Number of reported contacts between the person and all other bodies, in scenes with cloth."""
 TOOL_CONTACTS = 6
 """Number of reported contacts. In 12 800 steps of packaged policies, a robot had up to 6 contacts and a tool up to
 4."""
@@ -142,9 +142,9 @@ TOOL_VELOCITY_SENSOR = "tool_velocity"
 def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Add sensors of contact forces on the person, contacts, and velocities of end effector and tool.
 
-    Net forces and velocities are in the world frame. The strongest contacts are measured. A contact of the tool has a
-    force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the person. A
-    sensor cannot name a flex: with cloth, further sensors measure everything that touches the person.
+    Net forces and velocities are in the world frame. Of the contacts, the strongest are measured. A contact of the tool
+    has a force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the
+    person. A sensor cannot name a flex: with cloth, further sensors measure everything that touches the person.
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)

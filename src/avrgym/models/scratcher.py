@@ -16,10 +16,10 @@ PINCH_M = 0.039
 
 
 def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """One capsule; its round end is the tip.
+    """Build one capsule; its round end is the tip.
 
-    It has no friction. With a friction coefficient of 0.2, stick-slip vibration interrupted the contact in every second
-    physics step.
+    The capsule has no friction. With a friction coefficient of 0.2, stick-slip vibration interrupted the contact in
+    every second physics step.
     """
     add_collision(
         body,
@@ -37,7 +37,7 @@ def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
 
 def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """A knob, a slimmer neck and a handle, all inside the capsule."""
+    """Add the appearance: a knob, a slimmer neck and a handle, all inside the capsule."""
     wood = add_material(spec, "scratcher_wood", (0.74, 0.53, 0.31), roughness=0.5)
     rubber = add_material(spec, "scratcher_grip", (0.13, 0.30, 0.38), roughness=0.85)
     along_x = [0.5**0.5, 0.0, 0.5**0.5, 0.0]

@@ -65,7 +65,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
 
 
 def _are_near(model: mujoco.MjModel, pair: frozenset[str]) -> bool:
-    """Whether at most two joints separate two bodies."""
+    """Whether at most two joints are between two bodies."""
     one, other = (int(model.body_weldid[model.body(name).id]) for name in pair)
     return other in _ancestors(model, one) or one in _ancestors(model, other)
 

@@ -22,8 +22,8 @@ AROUND, RINGS = 8, 5
 OPENING_RADIUS_M, END_RADIUS_M, LENGTH_M = 0.095, 0.085, 0.28
 """Radii at the opening and at the far end, and length: a short sleeve that leaves the hand free."""
 HELD = (5, 6, 7, 0, 1, 2)
-"""Vertices of the opening that are fixed to the hoop. The gap of the hoop is wider than an arm, and on the side away
-from the robot's hand."""
+"""Vertices of the opening that are fixed to the hoop. The gap of the hoop is wider than an arm, and is on the side
+opposite to the robot's hand."""
 _HOOP_RADIUS_M, _HANDLE_M = 0.005, 0.05
 _HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M = 0.043, 0.006
 _GRIP_ON_HANDLE_M = 0.042

@@ -34,7 +34,8 @@ _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 @lru_cache
 def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
-    """The spoon of a size, with pieces of food: spheres of radius 5 mm and 1 g in one layer, those in the middle first.
+    """Returns a spoon with ``pieces`` pieces of food: spheres of radius 5 mm and 1 g in one layer. If the layer is not
+    full, the pieces are in the middle.
 
     Raises:
         ValueError: for an unknown size, and for more pieces than the spoon has room for.
@@ -72,7 +73,7 @@ def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
 
 
 def _places(floor: tuple[float, ...]) -> FloatArray:
-    """Centres of pieces in one layer on the floor of a bowl (K, 3)."""
+    """Centres (K, 3) of food pieces in one layer on the floor of the spoon's bowl."""
     along, across = (
         [round(_PITCH_M * (i - 0.5 * (count - 1)), 4) for i in range(count)]
         for count in (int(2.0 * half / _PITCH_M) for half in floor)
@@ -91,7 +92,7 @@ def _build_spoon(
     body: mujoco.MjsBody,
     appearance: bool,
 ) -> None:
-    """A level bowl of boxes with tilted walls, and a handle towards the hand."""
+    """Build a level bowl of boxes with tilted walls, and a handle towards the hand."""
     _add_bowl_walls(body, floor)
     handle_end = -(SPOON_LENGTH_M - bowl[0])
     add_collision(
@@ -141,4 +142,4 @@ def _add_spoon_skin(
 
 
 SPOON = spoon()
-"""The spoon by default, with eight pieces."""
+"""The default spoon, with eight pieces."""

@@ -53,7 +53,8 @@ class Tool:
     """A tool: build function, grip position (3,) in the tool's frame, and particles or cloth.
 
     ``pad`` is the body that touches people if it moves relative to the tool. ``outline`` are points (P, 3) on the
-    outside of the part that enters the mouth. ``grip`` is the tool with the same handle, whose grip holds this one too.
+    outside of the part that enters the mouth. ``grip`` is the name of another tool with the same handle: robots hold
+    this tool with the grip for the other tool.
     """
 
     name: str
@@ -73,7 +74,7 @@ class Tool:
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
-"""Contact parameters of food: pieces slide on each other, but not on tools, which have friction."""
+"""Contact parameters of food. Pieces slide on each other, but not on tools, because tools have friction."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
 """Contact parameters of water: one constraint per contact, independent of the other surface. The softer impedance needs
 a quarter fewer iterations."""

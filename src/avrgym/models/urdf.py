@@ -24,7 +24,8 @@ from avrgym.models.geoms import add_material, add_visual
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
 ARMATURE_KG_M2, ARMATURE_KG = 0.05, 1.0
-"""Motor inertia, which URDF does not contain. The value is that of the Jaco's wrist."""
+"""Motor inertia of hinges and of slides, because URDF contains none. The value of hinges is that of the Jaco's
+wrist."""
 GREY = (0.75, 0.75, 0.77)
 ROOT = "world"
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")

@@ -12,10 +12,11 @@ from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
-"""Half of 2 × 10 × 5 cm, along the tool's x, y and z. Length and width are those of the reference; the thickness is
-ours."""
+"""Half of 2 × 10 × 5 cm, along x, y and z of the tool's frame. Length and width are those of the reference; the
+thickness is an assumption."""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
-"""In the tool's frame. The origin is the middle of the wiping face, and x its normal."""
+"""Centre of the pad in the tool's frame. The frame's origin is the middle of the wiping face, and its x axis is the
+normal of this face."""
 CONTACT_MARGIN_M = 0.004
 """The collision box is smaller by this margin on each side and has this contact margin: a pad with rounded edges."""
 

@@ -17,9 +17,9 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 Kind = Literal["task", "robot", "controller"]
 TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
-"""Name in each template that the new name replaces."""
+"""For each kind, the name in the template that the new name replaces."""
 TEMPLATE_FILES = (".md", ".py", ".toml", ".xml")
-"""Suffixes of template files. Installers add others, such as compiled Python files."""
+"""Suffixes of template files. Installers add files with other suffixes, such as compiled Python files."""
 NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
@@ -72,12 +72,12 @@ def _taken(kind: Kind) -> Collection[str]:
 
 
 def module(name: str) -> str:
-    """``LiftArm`` to ``lift_arm``."""
+    """Returns the module name of a task, robot or controller: ``lift_arm`` for ``LiftArm``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 def distribution(name: str) -> str:
-    """``LiftArm`` to ``lift-arm``."""
+    """Returns the name of its package in an index: ``lift-arm`` for ``LiftArm``."""
     return module(name).replace("_", "-")
 
 
@@ -91,7 +91,7 @@ def _written(kind: Kind, name: str, folder: Path) -> Iterator[Path]:
 
 
 def _texts(folder: Traversable, *parents: str) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Template files in a folder and its subfolders: path parts and text."""
+    """Yields the template files in a folder and its subfolders: path parts and text."""
     for each in sorted(folder.iterdir(), key=lambda each: each.name):
         if each.is_dir():
             yield from _texts(each, *parents, each.name)

@@ -1,7 +1,7 @@
 """The hospital bed with raised backrest and the nightstand, in the world's frame.
 
-The person lies on their back, hips at (0, 0, 0.7), legs towards −y. Mattress 880 × 2000 × 150 mm, its top at
-0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
+The person lies on their back, with the hips at (0, 0, 0.7) and the legs towards −y. Mattress 880 × 2000 × 150 mm, its
+top at 0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
 """
 
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ def _add_bed_collision(body: mujoco.MjsBody) -> None:
 
 
 def _board(y: float, top: float) -> tuple[list[float], list[float]]:
-    """Centre and half sizes of the board at one end."""
+    """Centre (3,) and half sizes (3,) of the board at one end of the bed."""
     half_height = 0.5 * (top - _BOARD_BOTTOM)
     return [0.0, y, _BOARD_BOTTOM + half_height], [_HALF_BOARD[0], _HALF_BOARD[1], half_height]
 
@@ -136,7 +136,7 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """One rail on each side, below the mattress's top, so that a robot can reach over it."""
+    """Add one rail on each side, below the top of the mattress. A robot can reach over the rails."""
     steel = finish(spec, "steel")
     low, high, foot, head = 0.30, 0.50, -0.55, 0.30
     for side, sign in (("right", -1.0), ("left", 1.0)):
@@ -194,7 +194,7 @@ def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = Fa
 
 
 def _add_nightstand_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """A cabinet on a plinth with three drawers, their fronts towards the room's −y."""
+    """Add a cabinet on a plinth. Its three drawers open towards −y."""
     plastic = finish(spec, "plastic")
     wood = finish(spec, "wood")
     steel = finish(spec, "steel")

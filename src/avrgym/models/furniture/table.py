@@ -18,9 +18,10 @@ Offset = tuple[float, float, float]
 
 
 def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: Offset = (0.0, 0.0, 0.0)) -> None:
-    """Add a table in front of the person on the left, with a bowl. Each episode moves the bowl's body.
+    """Add a table in front of the person, on their left, with a bowl. Each episode changes the position of the bowl's
+    body.
 
-    ``offset_m`` moves both; the legs still end on the floor.
+    ``offset_m`` moves table and bowl; the table's legs still end on the floor.
     """
     centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
     table = spec.worldbody.add_body(name=TABLE_BODY, pos=offset_m)

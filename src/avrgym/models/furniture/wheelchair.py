@@ -141,7 +141,8 @@ def add_bracket(
         spec: a scene with a wheelchair.
         appearance: whether to add visual geoms.
         mount_m: position of the robot's base.
-        shoulder_m: upper bound of the shoulder's position; people's initial poses avoid this space.
+        shoulder_m: maximum height of the robot's shoulder above the base; people's initial poses avoid the space up to
+            this height.
         mirrored: whether the bracket is on the left side instead.
     """
     x, y, z = mount_m

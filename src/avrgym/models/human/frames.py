@@ -50,7 +50,7 @@ RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
 class Posture:
     """Posture: rotations about x of the hips and of the legs, which are not actuated.
 
-    ``hips_pos_w`` is the origin of the hips; ``None`` means on a seat, where it depends on the sex.
+    ``hips_pos_w`` is the origin of the hips. ``None``: the person is on a seat, and the origin depends on the sex.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -93,12 +93,12 @@ class Layout:
 
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
-        """Body positions in the parent body."""
+        """Body positions in the frame of the parent body."""
         return _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
 
     @property
     def geom_pos(self) -> Mapping[str, FloatArray]:
-        """Geom positions in the body."""
+        """Geom positions in the frame of their body."""
         return self._geoms[0]
 
     @property
@@ -108,7 +108,7 @@ class Layout:
 
     @cached_property
     def site_pos(self) -> Mapping[str, FloatArray]:
-        """Site positions in the body."""
+        """Site positions in the frame of their body."""
         return _sites(self.proportions, self.scale)
 
     @cached_property
@@ -132,7 +132,7 @@ def layout(
 
 
 def layout_of(people: People, posture: Posture = SEATED) -> Layout:
-    """Layout of ``people``."""
+    """Layout of ``people`` in a posture, as in ``layout``."""
     return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale)
 
 
@@ -244,17 +244,17 @@ GEOMS: Mapping[str, Geom] = {
 
 
 def mass_shares() -> FloatArray:
-    """Share of the mass of each of ``BODIES`` (B,)."""
+    """Share (B,) of the person's mass for each of ``BODIES``."""
     return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
 
 
 def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> dict[str, FloatArray]:
-    """Rotations (N, 4) of all bodies in their parents, for joint angles (N, 20)."""
+    """Rotations (N, 4) of all bodies relative to their parents, for joint angles (N, 20)."""
     return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
 
 
 def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
-    """Rotation (N, 4) of one body in its parent, for joint angles (N, 20)."""
+    """Rotation (N, 4) of one body relative to its parent, for joint angles (N, 20)."""
     xp, angles = as_floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
     if body in posture.turns_deg():
@@ -302,9 +302,9 @@ BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbo
 def bind_frames(
     sex: Sex, torso_height_m: float, arm_scale: float = 1.0
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Bind pose of the skin: standing, hips at the origin, arms half raised and half bent.
+    """Pose to which the skins are bound: standing, hips at the origin, arms half raised and half bent.
 
-    Positions (3,) and quaternions (4,) by body. The result is cached: do not change it.
+    Returns positions (3,) and quaternions (4,) by body. The result is cached: do not change it.
     """
     pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD, arm_scale=arm_scale)]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}

@@ -14,8 +14,8 @@ X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 class Joint:
     """A hinge: body, axis in that body, range in degrees and torque limit (N m).
 
-    Ranges are those of the 2020 reference, with its wider shoulder abduction in VR. Torques are rounded isometric
-    maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
+    Ranges are those of the 2020 reference, with the wider shoulder abduction that the reference uses in VR. Torques are
+    rounded isometric maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
     """
 
     body: str

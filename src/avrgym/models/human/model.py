@@ -36,7 +36,7 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
     """Add a person to a scene, with the hips fixed to the world.
 
     A moving person has 20 actuated joints with position servos of limited torque. Gravity is compensated (muscle tone).
-    A static person is welded in the given pose.
+    A static person has no joints and stays in the given pose.
     """
     frames = layout_of(People.of([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
@@ -93,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def use_speed_targets(spec: mujoco.MjSpec) -> None:
-    """Let the servos of a moving person accept the speeds of their targets in rad/s as inputs."""
+    """Change the inputs of a moving person's servos from target angles to speeds of the targets, in rad/s."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

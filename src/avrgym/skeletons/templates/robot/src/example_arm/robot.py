@@ -12,16 +12,17 @@ JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
 )  # fmt: skip
 SEED_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
-"""Close to the initial poses of tasks; `docs/how_to/add_a_robot.md` of AVR Gym explains how to find one."""
+"""Close to the initial poses of tasks; `docs/how_to/add_a_robot.md` of AVR Gym explains how to find a seed pose."""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm with column and gripper. Visual geoms are few enough to be always included."""
+    """Returns the model of the arm with column and gripper. It always includes the visual geoms, because they are
+    few."""
     return mujoco.MjSpec.from_string(files("example_arm").joinpath("arm.xml").read_text())
 
 
 def fingers(opening_m: float) -> dict[str, float]:
-    """Both fingers at this distance from the middle."""
+    """Joint positions of both fingers, at this distance from the middle of the hand."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 
@@ -35,9 +36,9 @@ _ARM = tuned_arm(
 )
 BETWEEN_TIPS_M = np.array([0.13, 0.0, 0.0])
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""The cup's x across the fingers."""
+"""Rotation of the cup in the hand: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""The washcloth's z across the fingers."""
+"""Rotation of the washcloth in the hand: the washcloth's z axis is across the fingers."""
 BESIDE = Mount((-0.7, -0.65, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))
 
 ROBOT = Robot(

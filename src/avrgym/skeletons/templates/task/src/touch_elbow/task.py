@@ -46,7 +46,8 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand within ±5 cm of a point next to the elbow; the base reaches the elbow."""
+    """Initial states: the robot's hand is within ±5 cm of a point next to the elbow. The goal of the base search is the
+    elbow."""
     hand_w = np.array(ROBOT_HAND_POS_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, TOOL_Q_W)
     elbow_w = placement.right_arm_joints_w(people, scene.posture)[:, ELBOW]
@@ -56,7 +57,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def init_state(people: People, uniforms: FloatArray) -> TouchState:
-    """No contact yet."""
+    """Initial task state: no contact yet."""
     return TouchState(np.zeros(len(uniforms), dtype=np.intp))
 
 
@@ -66,7 +67,7 @@ def elbow_w(arm: RightArm) -> FloatArray:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Tool, elbow and both arms."""
+    """The observation: tool, elbow, joints of the robot's arm, positions of the person's arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,
@@ -83,7 +84,8 @@ WEIGHTS = {"distance_m": -1.0, "action_squared": -0.01, "touched": 1.0, "strong_
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> StepResult:
-    """A touch is a tool contact within 8 cm of the elbow's centre. Five control steps with a touch are a success."""
+    """Evaluate a step. A touch is a tool contact within 8 cm of the elbow's centre. Five control steps with a touch are
+    a success."""
     near = norm(state.tool_contact_pos_w - elbow_w(state)[:, None]) < REACHED_M
     touched = (near & (state.tool_contact_force_n > 0.0)).any(axis=-1)
     after = TouchState(task_state.touches + touched)
@@ -105,7 +107,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
 
 
 def tool_target(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
-    """Straight to the elbow with decreasing speed; stop at contact."""
+    """Move the tool straight to the elbow with decreasing speed; stop it at contact."""
     goal_w = np.where(state.tool_force_n[:, None] > 0.0, planner.pos_w, elbow_w(state))
     return goal_w, np.tile(TOOL_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
 
