@@ -60,7 +60,7 @@ _NARROW_INERTIA_M2 = 1e-4
 
 
 def add_holds(body: mujoco.MjsBody, cloth: Cloth) -> None:
-    """Add sites to a tool's body, one for each vertex that it holds."""
+    """Add sites to a tool's body, one for each vertex of the cloth that the tool holds."""
     for vertex in cloth.held:
         body.add_site(name=_site_name(cloth, vertex), pos=cloth.start[vertex], size=[0.002] * 3, group=4)
 

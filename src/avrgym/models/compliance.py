@@ -7,10 +7,10 @@ bodies. The compliance of the person's body bounds the force at a contact point:
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
   ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
   limits.
-- An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, it is b
-  v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2 E) / (2 √R), at A = R.
-  For n contacts, the same value bounds the root of the sum of squares. All joints at full speed have 0.5 J (Jaco) or
-  1.1 J (PR2).
+- An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, the
+  additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2 E)
+  / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full speed
+  have 0.5 J (Jaco) or 1.1 J (PR2).
 - Motors that accelerate bodies into the person, or furniture that reflects them, add as much as an impact with √(τᵀ M⁻¹
   τ) in place of b √(2 E), for one or two steps; τ are the joint torques.
 
@@ -77,7 +77,8 @@ The cloth's own springs are much softer."""
 INVERSE_MASS_PER_KG = 3.2
 """Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
 MAX_DEPTH_M = 0.05
-"""At larger depths the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches it."""
+"""At larger depths the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches this
+depth."""
 TREMOR_STRENGTH_SHARE = 1 / 3
 """Share of their strength that people with tremor use (assumption). The measured tremor is ±6° at the shoulder and ±17°
 at the head; with full strength it would be ±7° and ±20°."""

@@ -50,7 +50,7 @@ SHAPES: Mapping[str, CupShape] = {
     "glass": CupShape(0.040, 0.034, 0.135),
     "mug": CupShape(0.043, 0.038, 0.095),
 }
-"""``cup`` is that of the 2020 reference, tapered so that every hand fits around its lower half."""
+"""``cup`` is the cup of the 2020 reference, but tapered: every robot's hand fits around its lower half."""
 CUP_SHAPE = SHAPES["cup"]
 
 

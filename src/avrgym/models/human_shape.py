@@ -60,8 +60,7 @@ POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
 """Ranges of stored positions and mouth openings, and the share of the opening that an open mouth has."""
 ARM = ("upper_arm", "forearm")
 CROWN_STRETCH_SHARE = 0.5
-"""Share of the torso's stretch with which the head above the mouth is stretched. The head's collision sphere moves in
-the same way."""
+"""The head above the mouth is stretched by this share of the torso's stretch, like the head's collision sphere."""
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,7 @@ def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tupl
 
 
 def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
-    """A robot on the floor that does not move, as furniture: an obstacle for other robots, with its own appearance.
+    """Returns a robot on the floor that does not move, as furniture. It is an obstacle for other robots.
 
     Raises:
         ValueError: for a robot that does not stand on the floor.
@@ -246,8 +246,9 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     Joints that mimic a joint of the arm follow it. A drive has three joints, see ``DRIVE_JOINTS``.
 
     The servo integrates its command into a target angle within the joint's range. It acts like a spring of
-    ``stiffness`` with critical damping at the seed pose, within the motor's torque. MuJoCo's damping ratio is not used:
-    it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would overshoot.
+    ``stiffness`` with critical damping at the seed pose, and its torque is limited to the motor's. MuJoCo's damping
+    ratio is not used: it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would
+    overshoot.
     """
     spec = robot.build(appearance)
     _set_collision_bits(spec, collision_bits.ROBOT, appearance)

@@ -1,4 +1,4 @@
-"""The scooper: a padded trough that carries a forearm, on a handle as thick as the scratcher's."""
+"""The scooper: a padded trough that carries a forearm. Its handle is as thick as the scratcher."""
 
 import mujoco
 import numpy as np

@@ -13,7 +13,8 @@ from avrgym.system import random_streams
 SAMPLES = 1000
 """Number of sampled poses of the arm."""
 ALWAYS_SHARE = 0.9
-"""A pair that touches in this share of the poses or more does not collide: its shapes overlap permanently."""
+"""A pair of bodies that touches in at least this share of the poses does not collide: its shapes overlap
+permanently."""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:

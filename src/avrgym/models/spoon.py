@@ -34,8 +34,8 @@ _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 @lru_cache
 def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
-    """Returns a spoon with ``pieces`` pieces of food: spheres of radius 5 mm and 1 g in one layer. If the layer is not
-    full, the pieces are in the middle.
+    """Returns a spoon of the size ``size`` with ``pieces`` pieces of food: spheres of radius 5 mm and 1 g in one layer.
+    If the layer is not full, the pieces are in the middle.
 
     Raises:
         ValueError: for an unknown size, and for more pieces than the spoon has room for.

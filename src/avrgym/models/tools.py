@@ -39,8 +39,8 @@ class Particles:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """Collision shape for people in place of a tool's thin ``walls``: type, centre and MuJoCo size in the tool's
-    frame."""
+    """Collision shape that replaces a tool's thin ``walls`` in contacts with people: type, centre and MuJoCo size in
+    the tool's frame."""
 
     walls: tuple[str, ...]
     shape: mujoco.mjtGeom
@@ -52,9 +52,9 @@ class Hull:
 class Tool:
     """A tool: build function, grip position (3,) in the tool's frame, and particles or cloth.
 
-    ``pad`` is the body that touches people if it moves relative to the tool. ``outline`` are points (P, 3) on the
-    outside of the part that enters the mouth. ``grip`` is the name of another tool with the same handle: robots hold
-    this tool with the grip for the other tool.
+    ``pad`` is the name of the body that touches people. It is not the tool's body if the touching part moves relative
+    to the tool. ``outline`` are points (P, 3) on the outside of the part that enters the mouth. ``grip`` is the name of
+    another tool with the same handle: robots hold this tool with the grip for the other tool.
     """
 
     name: str

@@ -44,7 +44,7 @@ _TERRY_RGB, _STRIPE_RGB = (0.50, 0.74, 0.86), (0.95, 0.97, 0.98)
 
 
 def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A collision pad on springs as soft as the cloth, and a visual ridge between the fingers."""
+    """Build a collision pad on springs as soft as the cloth, and a visual ridge between the fingers."""
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
@@ -82,7 +82,7 @@ def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -
 
 
 def _layer(index: int) -> list[Section]:
-    """One layer of the folded cloth, counted from the face, with rounded edges."""
+    """Sections of one layer of the folded cloth, with rounded edges. Layer 0 has the wiping face."""
     thickness = _THICKNESS / len(_LAYER_INSETS)
     rounding = ((0.0, 0.0024), (0.12, 0.0010), (0.5, 0.0), (0.88, 0.0010), (1.0, 0.0024))
     _, half_length, half_width = PAD_HALF_SIZE_M - _LAYER_INSETS[index]
@@ -93,7 +93,7 @@ def _layer(index: int) -> list[Section]:
 
 
 def _stripe(y: float) -> list[Section]:
-    """A woven stripe across the pad."""
+    """Sections of a woven stripe across the pad."""
     half_width = PAD_HALF_SIZE_M[2] + 0.0003
     return [
         Section(x, half_width - inset, _STRIPE_HALF_WIDTH, y=y, exponent=6.0)
@@ -102,7 +102,7 @@ def _stripe(y: float) -> list[Section]:
 
 
 def _ridge() -> list[Section]:
-    """The gathered back of the cloth, thin where the fingers hold it."""
+    """Sections of the gathered back of the cloth, which is thin where the fingers hold it."""
     outline = (
         (-0.002, 2.4, 1.06),
         (0.003, 1.2, 1.02),

@@ -15,7 +15,7 @@ from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_JOINTS = 6
-"""Minimum number of joints for any position and rotation."""
+"""Minimum number of joints to reach any position and rotation."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
 """Limits of reach and joint angles, because observations are bounded."""
 

@@ -67,7 +67,7 @@ class ApproachSpeedMonitor(PerWorldState):
         self.speed_m_s = share.max(axis=-1) * self.allowed_m_s[self.region]
 
     def describe(self, world: int) -> str:
-        """Describes the fastest approach in a world, with its limit."""
+        """Returns a text about the fastest approach in a world: region, speed and limit."""
         region = int(self.region[world])
         verb = "approaches" if self.person_too_fast[world] else "and tool approach"
         allowed = self.allowed_m_s[region]

@@ -29,7 +29,7 @@ INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
 
 
 class ForceGuard(PerWorldState):
-    """Overrides actions in those of N worlds in which a robot endangers a person; other worlds do not change.
+    """Overrides actions in N worlds. Only worlds in which a robot endangers a person are affected.
 
     The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
@@ -87,7 +87,8 @@ class ForceGuard(PerWorldState):
         return (self.output != before).any(axis=-1)
 
     def describe_override(self, world: int) -> str:
-        """Describes why the guard overrides a world's command: the force and its limit, or the speed and its limit."""
+        """Returns the reason why the guard overrides a world's command: the force and its limit, or the speed and its
+        limit."""
         if not self._pressed[world]:
             return self._approach.describe(world)
         force_n = self._force_n[world]

@@ -36,7 +36,7 @@ class Withdrawal(PerWorldState):
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
         self.driving, self._away = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         self._actions: FloatArray | None = None
-        """The withdrawal's actions (N, J) for the coming control step, once they are computed."""
+        """The withdrawal's actions (N, J) for the coming control step; ``None`` until they are computed."""
 
     def reset(self, ids: IntArray) -> None:
         """Start episodes in worlds ``ids`` (n,)."""

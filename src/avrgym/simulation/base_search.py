@@ -53,7 +53,7 @@ class BaseChoice:
     """The best candidate of each world: its ``index`` (n,), its pose and the joint positions (n, J) at the start.
 
     ``reached`` (n,): the arm reaches the start pose within 5 mm and 0.05 rad. In the other worlds no candidate reaches
-    it, and the best candidate is the closest one.
+    the start pose, and the best candidate is the closest one.
     """
 
     index: IntArray

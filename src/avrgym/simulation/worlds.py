@@ -53,7 +53,7 @@ PARKING_W = np.array([4.0, 4.0, 0.1])
 
 @lru_cache(maxsize=16)
 def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
-    """The scene's model, see ``Simulation``; copy it before changes."""
+    """The scene's compiled model, see ``Simulation``. The model is cached: copy it before you change it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
@@ -240,7 +240,8 @@ class Simulation:
             self._now.ctrl[:, at.drive_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: FloatArray, which: BoolArray | None = None) -> None:
-        """Set the targets (N, 20) of a moving person's servos. With ``gliding`` they are reached after 0.1 s.
+        """Set the targets (N, 20) of a moving person's servos. With ``gliding``, the servos' inputs reach the targets
+        after 0.1 s.
 
         The mask ``which`` (N,) limits the command to some worlds; not on a device.
         """

@@ -77,7 +77,7 @@ def module(name: str) -> str:
 
 
 def distribution(name: str) -> str:
-    """Returns the name of its package in an index: ``lift-arm`` for ``LiftArm``."""
+    """Returns the package name of a task, robot or controller: ``lift-arm`` for ``LiftArm``."""
     return module(name).replace("_", "-")
 
 

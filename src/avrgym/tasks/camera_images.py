@@ -47,7 +47,8 @@ PersonKey = tuple[str, float, float, str]
 
 
 class CameraImages:
-    """The cameras of N worlds. The first image creates the graphics context; any thread may use it, one at a time."""
+    """The cameras of N worlds. The first image creates the graphics context; any thread may then take images, one at a
+    time."""
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
         """Prepare the images of cameras from ``models.cameras.as_cameras``."""
@@ -112,7 +113,8 @@ class CameraImages:
 
 
 class _SexModel:
-    """The scene with a woman or a man, in graphics memory. It contains one world at a time."""
+    """The model of the scene with a woman or a man, in graphics memory. It contains the state of one world at a
+    time."""
 
     def __init__(
         self,
@@ -293,7 +295,7 @@ def _axis(name: str) -> str:
 
 
 def _skin_rows(model: mujoco.MjModel) -> dict[str, IntArray]:
-    """The rows of vertices, bones and materials of the person's skins, in the order of their names."""
+    """The rows of vertices, bones and materials of the person's skins, in the order of the skins' names."""
     names = sorted(
         model.skin(i).name for i in range(model.nskin) if model.skin(i).name.startswith(human.PREFIX)
     )

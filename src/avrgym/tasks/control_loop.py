@@ -135,7 +135,7 @@ class ControlLoop:
         return self.withdrawal.driving
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, J), replaced by the withdrawal's in the worlds that it drives."""
+        """Returns actions (N, J). In worlds that the withdrawal drives, they are the withdrawal's actions."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
@@ -204,8 +204,8 @@ class ControlLoop:
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
         """Advance by 10 ms. With a source, the last tick of a control step returns the completed step.
 
-        With ``hold``, the brakes hold the robots instead of the commanded actions. An intervention of the guard still
-        moves them. While the withdrawal drives all worlds, the source is not queried.
+        With ``hold``, the commanded actions are not executed: the brakes hold the robots. An intervention of the guard
+        still moves the robots. While the withdrawal drives all worlds, the source is not queried.
         """
         self.applied_action = None
         if source is None:

@@ -21,7 +21,7 @@ LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
 BACKREST_RAD = np.radians(60.0)
 NIGHTSTAND_BODY = "nightstand"
 NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
-"""Position of a robot on the nightstand: the origin of its body, which may move with the robot."""
+"""Position of a robot on the nightstand, and origin of the nightstand's body, which may move with the robot."""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""
@@ -52,7 +52,8 @@ def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
 
 
 def _on_backrest(along: float, above: float) -> np.ndarray:
-    """A point ``along`` the middle of the backrest from the crease, and ``above`` its surface; world frame."""
+    """Point (3,) above the backrest's middle line, world frame. ``along``: distance from the crease; ``above``: height
+    above the surface."""
     return _CREASE + transforms.rotate(_BACK_Q, [0.0, along, above])
 
 

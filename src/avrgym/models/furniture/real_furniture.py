@@ -60,7 +60,7 @@ REAL_AS_VIRTUAL = RealFurniture()
 
 
 def real_furniture(otherwise: RealFurniture, **given: float | None) -> RealFurniture:
-    """``otherwise`` with the ``given`` fields that are not ``None``.
+    """Returns a copy of ``otherwise`` in which the ``given`` values that are not ``None`` replace its fields.
 
     Raises:
         ValueError: for a value out of range.

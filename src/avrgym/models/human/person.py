@@ -1,4 +1,4 @@
-"""Person and people: the body of one person, or of many as arrays."""
+"""``Person``: the body of one person. ``People``: the bodies of many people as arrays."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -126,7 +126,7 @@ class People:
     def unimpaired(
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
-        """People with full ranges and strength, without tremor, with average arms."""
+        """Returns people with full joint ranges and strength, without tremor, with average arm lengths."""
         xp, height, angles = as_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
         return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)

@@ -1,8 +1,8 @@
 """Corrects contacts of MuJoCo Warp 4.0 that differ from MuJoCo's, before constraints are computed.
 
 In MuJoCo the geom with the higher priority determines a contact's parameters. Warp ignores the priority if a geom has
-explicit stiffness and damping (``solref`` below zero), and uses the lower value of both geoms. This module sets the
-parameters of the geom with the higher priority, for example of the washcloth on skin.
+explicit stiffness and damping (``solref`` below zero), and uses the lower of the two geoms' values. This module sets
+the parameters of the geom with the higher priority, for example of the washcloth on skin.
 
 In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower, so
 they become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were

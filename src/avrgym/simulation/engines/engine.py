@@ -46,7 +46,8 @@ class Engine(Protocol):
     Attributes:
         name: the engine's name in ``--engine``, without the device.
         device: the device that computes.
-        batch: the worlds on the host, which computes initial states, with the model fields that differ between worlds.
+        batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
+            states.
         now: the present arrays: the arrays of ``batch``, copies on the host, or tensors on the device.
     """
 

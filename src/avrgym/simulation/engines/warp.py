@@ -220,7 +220,7 @@ class Warp:
 
 
 def _has_worlds(field: Field[Any]) -> bool:
-    """Whether a field may differ between worlds in both models. The steps use no other such field."""
+    """Whether a field may differ between worlds in MuJoCo's batch and in Warp. The steps use no other such field."""
     return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 

@@ -42,7 +42,7 @@ MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
 class BedBathingExpert:
-    """Makes sweep after sweep: approach, touch, wipe, lift. Skips the rest of a sweep if the arm gets stuck.
+    """Makes sweep after sweep: approach, touch, wipe, lift. If the arm gets stuck, the rest of the sweep is skipped.
 
     A target below the skin produces the contact force. While the force is low, the target moves deeper.
     """

@@ -16,7 +16,8 @@ FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
 
 
 def filtered(expert: Expert) -> Expert:
-    """The same expert with the person's pose averaged over the present and the previous control step.
+    """Returns the expert with a changed input: the person's pose is the mean of the present and the previous control
+    step.
 
     Tremor changes direction at every control step (``people.impairments``). The average therefore removes it.
     """

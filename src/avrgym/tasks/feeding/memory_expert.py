@@ -17,11 +17,11 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 REST_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
 MAX_STANDOFF_M = 0.06
-"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. It is smaller at lower speeds."""
+"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. The standoff is smaller at lower speeds."""
 
 
 class MemoryExpert:
-    """The feedback expert, with a standoff while the mouth moves."""
+    """Acts like the feedback expert, but keeps a standoff while the mouth moves."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Start at the present poses."""

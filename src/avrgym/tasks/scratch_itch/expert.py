@@ -40,7 +40,7 @@ LOOP_HALF_AXES_M, LOOKAHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
 
 
 class ForceControl(NamedTuple):
-    """Force control of the tip: desired force, gain in metres per newton, and limits of the step."""
+    """Force control of the tip: desired force, gain in metres per newton, and limits of the depth step."""
 
     force_n: float
     gain_m_n: float

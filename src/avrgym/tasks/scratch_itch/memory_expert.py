@@ -43,7 +43,7 @@ def memory_expert(episodes: RunningEpisodes) -> Controller:
 
 
 class SwingsInFront:
-    """The feedback expert, but it approaches from the front only after the swing."""
+    """Acts like the feedback expert, but approaches from the front only after the swing."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Start at the present poses."""
