@@ -1,4 +1,4 @@
-"""Check consents: participants read the archived text of the version that they accepted."""
+"""Check consents: whether the archived consent texts are the texts that participants read."""
 
 import hashlib
 from collections import defaultdict
@@ -14,7 +14,7 @@ from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
-    """Consents to other texts of the same version, changed texts, and consents without an archived text."""
+    """Findings about different texts with the same version, changed texts, and consents without an archived text."""
     with store.database.read() as connection:
         consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
     for kept in archive:
@@ -35,7 +35,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
 def _check_present_texts(
     store: Store, consents: list[Consent], archive: list[ConsentText]
 ) -> Iterator[Finding]:
-    """Compare the design's consent text in each language with the texts that participants read as the same version."""
+    """Findings about languages in which participants read another text with the design's consent version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
         shown = current_text(store, language)
@@ -49,7 +49,7 @@ def _check_present_texts(
 
 
 def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
-    """Different texts with the same version at one site. Sites may have different texts."""
+    """Findings about different texts with the same version at one site. Texts may differ between sites."""
     words = {kept.sha256: normalize_whitespace(kept.text) for kept in archive}
     read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
     for each in consents:

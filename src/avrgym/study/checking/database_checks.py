@@ -20,12 +20,12 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed_paths, restrict_to_owner, unfinished
 
 _GONE = ("excluded", "withdrawn", UNKNOWN)
-"""States of participants who are excluded from analyses."""
+"""States of participants who are in no analysis."""
 _PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYSIS)
 
 
 def check_database(store: Store) -> Iterator[Finding]:
-    """Changes by other programs, damage, rebuilds, and accepted differences between sites."""
+    """Findings about changes by other programs, damage, rebuilds, and accepted differences between sites."""
     for where, message in store.database.faults():
         yield Finding(where, message)
     for event in store.events():

@@ -1,4 +1,4 @@
-"""Check that all sessions had the same design, equal to the design in the study's folder."""
+"""Check that all sessions used the design in the study's folder."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,16 +31,16 @@ from avrgym.system.toml_lines import Place
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
-"""Fields that only affect the admission of participants."""
+"""Design fields that only affect the admission of participants."""
 CONSENT = "consent"
-"""A field that is checked separately for each participant."""
+"""A design field that another check compares, for each participant separately."""
 NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
-"""Fields without effect on participants; a difference is not an error."""
+"""Design fields without effect on participants. A different value is not an error."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that differs between the study's current design (``present``) and the design of ``sessions`` (``used``).
+    """A value that is different in the current design (``present``) and in the design of ``sessions`` (``used``).
 
     A missing value is ``MISSING``.
     """
@@ -53,7 +53,7 @@ class Difference:
 
 
 def check_design(store: Store) -> Iterator[Finding]:
-    """Differences between the designs of sessions and the design in the study's folder."""
+    """Findings about differences between the current design, the designs of sessions and admissions, and recordings."""
     sessions = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), sessions):
         is_error = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
@@ -68,7 +68,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Sessions of earlier versions of AVR Gym; the database does not contain their designs."""
+    """A finding about sessions of earlier versions of AVR Gym: the database does not contain their designs."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:
@@ -80,7 +80,7 @@ def check_stored_designs(store: Store) -> Iterator[Finding]:
 def differences_of(
     design: Design, wordings: Wordings | None, sessions: Sequence[SessionDesign]
 ) -> list[Difference]:
-    """All differences between a design and the designs of sessions."""
+    """All differences between a design with its texts (``wordings``) and the designs of sessions."""
     found: dict[str, Difference] = {}
     known: dict[bytes, list[Difference]] = {}
     for entry in sessions:
@@ -105,13 +105,13 @@ def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:
-    """The fields of a design that affect sessions."""
+    """Names and values of the design fields that affect sessions."""
     before = (*AT_ADMISSION, CONSENT)
     return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 
 def _both(a: Design, b: Design) -> set[str]:
-    """The participant sentences that both designs contain."""
+    """The sentences for participants that both designs contain."""
     first, second = (
         {normalize_whitespace(each) for each in participant_sentences(design)} for design in (a, b)
     )
@@ -126,7 +126,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
-    """Differences between the current inclusion questions and those that participants answered."""
+    """Findings about differences between the current inclusion questions and those that participants answered."""
     for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
         message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
@@ -138,7 +138,7 @@ def admission_differences(
     """Compare fields of a design with the design at each participant's admission.
 
     Returns:
-        Each difference, with the pseudonyms of its participants.
+        Each difference (place, value in ``design``, value at admission), and the pseudonyms of its participants.
     """
     found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
     expected = {name: comparable_values(design)[name] for name in fields}
@@ -151,9 +151,9 @@ def admission_differences(
 
 
 def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterator[Finding]:
-    """Differences between recordings and the stored design of their session.
+    """Findings about differences between recordings and the stored design of their session.
 
-    A session may have another seat; all other differences are errors.
+    Different furniture is not an error; all other differences are errors.
     """
     stored = {entry.session.id: entry for entry in sessions if entry.wordings is not None}
     for entry in recorded_designs(store):

@@ -13,11 +13,11 @@ class Finding:
 
 
 class ExcludedTrial(Finding):
-    """A trial that the exclusion rule excludes from the analysis."""
+    """The finding that a trial is excluded from the analysis because of tracking loss."""
 
 
 def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
-    """The finding about an excluded trial."""
+    """The finding that a participant's trial is excluded, with the reason ``why``."""
     return ExcludedTrial(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

@@ -9,13 +9,13 @@ from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
 RESULTS = "results"
-"""Place of these findings."""
+"""Place (``where``) of the findings of this check."""
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """A finding for each person and each number of completed participants with an interim look.
+    """One finding for all interim looks of one person at the same number of completed participants.
 
-    The planned end is the larger of ``planned`` and the number that was planned at the time of the look.
+    The planned number of participants is the larger of ``planned`` and the design's number at the time of the look.
     """
     sites = site_names(store)
     looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
@@ -35,7 +35,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:
-    """Whether the log entry is a view of results before the planned end."""
+    """Whether the log entry is a view of results before the planned number of participants completed the study."""
     if entry.completed is None or entry.planned is None:
         return False
     return entry.completed < max(planned, entry.planned)

@@ -15,7 +15,7 @@ from avrgym.system.files import user_data_folder
 
 
 def check_participation(store: Store) -> Iterator[Finding]:
-    """Errors of the participation list, and differences between list, database and recordings."""
+    """Findings about the participation list, and about differences between list, database and recordings."""
     yield from _check_list(store)
     yield from _check_events(store)
     for participant in store.participants():
@@ -55,7 +55,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """A note if the list is newer than the first participant."""
+    """A note if the list was begun after the first enrolment."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.without_participant[0]["detail"]
@@ -66,7 +66,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """Notes about restored states, older copies of the list, and confirmations."""
+    """Notes about restored states of participants, older copies of the study, and confirmed participation."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
@@ -85,7 +85,7 @@ _CLOCK = timedelta(minutes=1)
 def list_error(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
     """The error of the participation list, such as "is missing"; empty if the list is valid.
 
-    ``beginnings``: time of each participant's first recording, by number.
+    ``beginnings``: start time of each participant's first recording, by participant number.
     """
     if listed is None:
         return "is missing"

@@ -17,7 +17,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 
 @dataclass(frozen=True)
 class RecordedPlugin:
-    """A plug-in as recorded in one trial (``recorded``) and as installed (``present``)."""
+    """A plug-in of one trial: its recorded version (``recorded``) and its installed version (``present``)."""
 
     label: str
     recorded: str
@@ -28,12 +28,12 @@ class RecordedPlugin:
 
 
 def check_plugins(store: Store) -> Iterator[Finding]:
-    """Plug-ins that differ between completed trials, or between the trials and this installation."""
+    """Findings about plug-ins that differ between completed trials, or between the trials and this installation."""
     return plugin_findings(_recorded(store))
 
 
 def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
-    """Findings about recorded plug-ins, separately for people and for simulated participants."""
+    """Findings about different plug-ins. Trials of people and of simulated participants are compared separately."""
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
         groups[each.label, each.simulated].append(each)
@@ -67,7 +67,7 @@ def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
 def recorded_plugins(
     configuration: Configuration, participant: str, position: int, *, simulated: bool
 ) -> Iterator[RecordedPlugin]:
-    """The plug-ins of a trial; the source is the configuration in its recording."""
+    """The plug-ins in the recorded configuration of a trial."""
     now = _present(configuration)
     for plugin in sorted(configuration.plugins, key=lambda plugin: plugin.label):
         present = str(now.get(plugin.label, "no plug-in here"))

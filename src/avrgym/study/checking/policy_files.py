@@ -23,7 +23,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 
 POLICIES_USED = "policies used"
-"""Name of a session's event. Its detail contains the policy files of the session's design."""
+"""Name of the event that stores the policy files of a session."""
 
 
 class PolicyFile(msgspec.Struct, frozen=True):
@@ -72,7 +72,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 
 def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
-    """The policy files of all sessions, by environment and policy, in order of use."""
+    """The policy files that sessions used, by environment and policy. Files of a policy are in order of first use."""
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for entry in session_designs(store):
@@ -93,7 +93,7 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
 
 
 def check_policies_used(store: Store) -> Iterator[Finding]:
-    """Policies that differ between sessions, or that have changed since the last session."""
+    """Findings about policies whose files differ between sessions, or whose current file no session used."""
     used = policies_used(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():

@@ -16,7 +16,7 @@ from avrgym.tasks.settings import Settings
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
-    """Load a policy of the design for an environment, from the study's folder or by name.
+    """Load a policy of the study's design for an environment.
 
     Raises:
         PolicyError: if the policy is missing, damaged, or trained for another environment.
@@ -31,7 +31,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:
-    """Environment and name of each policy in the design's trials and practice trials."""
+    """All pairs of environment and policy in the design's trials and practice trials."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
     return [
@@ -60,9 +60,9 @@ def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
 
 
 def check_starts(store: Store) -> Iterator[Finding]:
-    """Findings about bodies without a valid initial state in an environment, or with too many rejected samples.
+    """Findings about environments in which a body has no valid initial state, or too many rejected samples.
 
-    A few initial states are sampled for each body: the shortest and the tallest that calibration accepts.
+    A few initial states are sampled with the shortest and with the tallest body that calibration accepts.
     """
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)

@@ -43,14 +43,15 @@ LOST_WITH_LIST = (
     "ages, languages, consents that are in no recording, withdrawals, deletions, and participants without "
     "name and recording"
 )
-"""Data that are lost too if the participation list is invalid."""
+"""Further data that are lost if the participation list is missing or invalid."""
 
 
 @dataclass(frozen=True)
 class RebuildSummary:
     """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
-    ``unknown``: number of participants whose consent or withdrawal is unknown.
+    ``unknown``: number of participants whose consent or withdrawal is unknown. ``left_out``: messages about omitted
+    participants and recordings.
     """
 
     participants: int
@@ -63,7 +64,7 @@ class RebuildSummary:
 
 @dataclass(frozen=True)
 class _RecordedAttempt:
-    """A recording in a session's folder; ``name`` is its path in the study."""
+    """A recording in a session's folder. ``name``: its path relative to the study's folder."""
 
     name: str
     recording: Recording
@@ -86,13 +87,13 @@ class _RecordedAttempt:
 
 
 def rebuild_study(folder: Path) -> RebuildSummary:
-    """Rebuild the lost database of a study. The identity file and finished recordings are not changed.
+    """Rebuild the lost database of a study. The identity file and complete recordings are not changed.
 
-    Truncated recordings of finished trials are completed. The participation list contains the participants' states. If
+    Truncated recordings of finished trials are completed. States are read from the participation list. If
     the list is missing or invalid, all states become ``unknown``, and an invalid list is renamed.
 
     Raises:
-        StudyError: if the database exists.
+        StudyError: if the study has a database, or if the folder contains no design.
     """
     _refuse_if_present(folder)
     IntegrityFiles(folder, FILE).remove()
@@ -159,7 +160,7 @@ class _Rebuilding:
         }
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
-        """Insert a participant and their trials, or store the reason for their omission."""
+        """Insert a participant and their trials, or store why the participant or the trials are omitted."""
         content = self._listed.latest.get(number) if self._listed else None
         recorded_attempts = _flat(self._visits[number])
         if content and content["state"] == DELETED:
@@ -203,7 +204,7 @@ class _Rebuilding:
         return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, recorded_attempts)}
 
     def _load_visits(self, number: int) -> dict[str, list[_RecordedAttempt]]:
-        """The readable recordings of each session, ordered by file name."""
+        """The readable recordings of each session in order of file names, by the session's folder name."""
         visits: dict[str, list[_RecordedAttempt]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
             loaded = [self._load(path) for path in sorted(folder.glob("*.mcap"))]
@@ -261,7 +262,7 @@ class _Rebuilding:
     def _insert_participant(
         self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
     ) -> dict[tuple[Any, ...], int]:
-        """Insert a participant and their trials. Returns the ids of the trials by plan."""
+        """Insert a participant and their trials. Returns each trial's id by environment, policy, seed and practice."""
         self._participants += 1
         recorded_attempts = _flat(self._visits[number])
         values = participant_values(content) if content and not self._fault else {}
@@ -323,7 +324,7 @@ class _Rebuilding:
         *,
         again: bool,
     ) -> bool:
-        """Insert an attempt and its answers. Returns whether it completed its trial."""
+        """Insert an attempt and its answers. Returns whether the attempt completed its trial."""
         end = recorded.recording.result
         answers = recorded.recording.topics["/answers"]
         asked = {item.id for item in recorded.configuration.items}
@@ -374,7 +375,7 @@ def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
 
 
 def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
-    """The plan with the practice robots and seeds of the recordings, because earlier versions sampled other values."""
+    """The plan with the recorded practice robots and seeds: earlier versions of AVR Gym sampled other values."""
     recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(
         _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial

@@ -1,7 +1,7 @@
 """Check repeats that experimenters requested: whether there are too many, or whether they depend on policy or outcome.
 
 The tests are exact. Under the null hypothesis, each trial of a participant and task is equally likely to be repeated.
-All tests together report a finding in at most 1 % of studies.
+All tests together then report a finding in at most 1 % of studies.
 """
 
 from collections import Counter, defaultdict
@@ -17,14 +17,15 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
 Block = tuple[int, int, int]
-"""Numbers in a block: all units, units in the group, selected units."""
+"""Counts in a block: all units, units in the group, and selected units."""
 
 
 def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
-    """Exact two-sided p for the number of selected units in a group, if all units of a block are equally likely.
+    """Exact two-sided p-value of ``drawn_in_group``, the number of selected units in a group.
 
-    The number is a sum of hypergeometric variables, one for each block. p is the total probability of all sums that are
-    not more likely than the observed sum.
+    Under the null hypothesis, all units of a block are equally likely to be selected. The number is then a sum of
+    hypergeometric variables, one for each block. p is the total probability of all sums that are not more likely than
+    the observed sum.
     """
     probabilities: FloatArray = np.ones(1)
     for block in blocks:
@@ -34,7 +35,7 @@ def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
-    """Hypergeometric probabilities of 0 to ``drawn`` selected members."""
+    """Hypergeometric probabilities that 0, 1, …, ``drawn`` of the selected units are in the group."""
     return [
         comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
         for hits in range(drawn + 1)
@@ -42,13 +43,13 @@ def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
 
 
 REPEATS = "repeats"
-"""Place of these findings."""
+"""Place (``where``) of the findings of this check."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
-"""Significance levels of the tests."""
+"""Significance levels of the tests for policy, condition (robot and policy) and outcome."""
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
-    """Findings about repeats of people's trials; in a study without people, about all simulated participants.
+    """Findings about repeats of people's trials, or of simulated participants' trials in a study without people.
 
     ``limit`` replaces the design's ``max_repeats``.
     """
@@ -57,7 +58,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
 
 
 def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
-    """Findings about the repeats of these trials."""
+    """Findings about the repeats of these trials. ``limit``: maximum number of repeats of a trial."""
     if limit is not None:
         yield from _too_many(trials, limit)
     yield from _by_condition(trials, design)
@@ -90,7 +91,7 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Findings about policies with more or fewer repeats than others; without any, about pairs of robot and policy."""
+    """Findings about policies with more or fewer repeats. If there are none, pairs of robot and policy are compared."""
 
     def policy(each: AttemptedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
@@ -146,7 +147,10 @@ def _p(
     in_group: Callable[[AttemptedTrial], bool],
     drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
-    """p of the exact test, for the repeated trials of a group, stratified by participant and task."""
+    """p-value of the exact test whether trials in a group are selected (``drawn``) more or less often than others.
+
+    The test is stratified by participant and task.
+    """
     blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:
         blocks[each.participant.number, each.trial.task].append(each)

@@ -1,4 +1,4 @@
-"""Find repeated trials: attempts that a later attempt replaced, with reason and person."""
+"""Find repeats: attempts that a later attempt replaced. Each repeat has a reason, and the person who requested it."""
 
 import re
 from collections import defaultdict
@@ -13,7 +13,7 @@ TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "exp
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
 """Reasons of repeats: technical fault, participant, experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
-"""Used instead of a name if no log entry matches."""
+"""Used instead of the experimenter's name if no log entry matches."""
 Cause = tuple[str, str]
 """A reason, and the cause as text."""
 
@@ -47,7 +47,7 @@ _ENDED = re.compile(r"attempt (?!running)")
 class Repeat:
     """An attempt that a later attempt replaced.
 
-    ``requested_by``: the experimenter who requested the repeat, if known.
+    ``requested_by``: the experimenter who requested the repeat (``NOT_LOGGED`` if unknown); empty for other reasons.
     """
 
     participant: Participant
@@ -84,7 +84,7 @@ class AttemptedTrial:
 
 
 def attempted_trials(store: Store) -> list[AttemptedTrial]:
-    """All trials with an attempt, without practice, ordered by participant and position."""
+    """All trials with an attempt, except practice trials, ordered by participant and position."""
     causes = _Causes(store)
     return [
         AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
@@ -103,7 +103,7 @@ def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[T
 
 
 class _Causes:
-    """Find the cause of an attempt's end in adjacent events, and the person in the log."""
+    """Find the cause of an attempt's end in the events next to it, and the person in the log."""
 
     def __init__(self, store: Store) -> None:
         self._sites = site_names(store)
@@ -131,7 +131,7 @@ class _Causes:
         return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
-        """The last logged command during an attempt that can have ended it; ``None`` without one."""
+        """The last command in the log that can have ended the attempt; ``None`` if there is none."""
         ended_at = attempt.ended_at or ""
         fitting = [
             entry
@@ -157,7 +157,7 @@ class _Causes:
         return self._without_event(attempt, after)
 
     def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
-        """The cause of an interruption without an event, from the phase that followed."""
+        """The cause of an interruption that no event explains, from the events after it."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):
             return PARTICIPANT, "left VR"
@@ -169,7 +169,7 @@ class _Causes:
         return UNKNOWN, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
-        """The last event before the attempt's end, and the events after it up to the next phase.
+        """The attempt's last event before its end (as a list), and the events after its end up to the next phase.
 
         Both lists are empty if the end of the attempt is not stored.
         """

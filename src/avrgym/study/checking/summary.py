@@ -39,9 +39,9 @@ class ParticipantSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Progress of a study. ``filled`` and ``completed_cells``: number of participants in each cell of the design.
+    """Progress of a study. ``filled``: number of allocated and completed participants in each cell of the design.
 
-    ``filled_by_site``: number of participants in each cell, by site.
+    ``completed_cells``: number of completed participants in each cell. ``filled_by_site``: ``filled`` of each site.
     """
 
     title: str
@@ -90,7 +90,7 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
-    """Numbers of sessions, trials, open questionnaires and so on, by the participant's number."""
+    """Numbers of sessions, trials, attempts, answers and open questionnaires, each by participant number."""
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
     completed = find_all(connection, TrialAttempt, state="completed")
@@ -144,7 +144,7 @@ class ConditionResults:
 def summarise_results(
     store: Store, answered_items: AnsweredItems | None = None
 ) -> tuple[ConditionResults, ...]:
-    """The current results of all allocated and completed participants.
+    """The current results for each condition, from trials of allocated and completed participants.
 
     ``answered_items``: the items that participants answered; by default, they are read from the study.
     """

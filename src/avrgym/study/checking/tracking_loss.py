@@ -1,4 +1,4 @@
-"""Share of a trial with tracking loss: frames are missing, late or implausible, and the person model does not move."""
+"""Share of tracking loss in a trial: time with missing, late or implausible frames. The person model then stops."""
 
 from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.recording.reader import Recording
@@ -10,8 +10,8 @@ from avrgym.vr.tracking.freshness import STALE_S
 def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
     """Share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
-    A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if it, or one of its parts,
-    is stale or rejected. With ``part``, only this part is considered.
+    A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if the whole
+    frame, or one body part in it, is stale or rejected. With ``part``, only this body part is considered.
     """
     span = _assistance_span_s(recording)
     if span is None:
@@ -27,7 +27,7 @@ def tracking_loss_share(recording: Recording, part: Part | None = None) -> float
 
 
 def describe_excess_loss(recording: Recording, design: Design) -> str | None:
-    """The reason to exclude a trial for tracking loss, with the share of each part; ``None`` within the limit."""
+    """Why a trial is excluded for tracking loss, with the share of each body part; ``None`` if it is not excluded."""
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
@@ -47,7 +47,7 @@ def _is_held(frame: TrackingFrame, part: Part | None) -> bool:
 def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:
     """Start and end of the robot's assistance, in seconds; ``None`` without control steps.
 
-    Without the event of the start, assistance starts with the first control step.
+    If the recording does not contain the start of assistance, the first control step is the start.
     """
     control_s = [time_ns / 1e9 for time_ns, _ in recording.topics["/control"]]
     begins_s = [

@@ -60,7 +60,7 @@ class LiveSessions(Protocol):
         ...
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the running session; then store the withdrawal."""
+        """Stop the robot and the recording of the running session. Then store the withdrawal and its reason."""
         ...
 
     @property
@@ -75,7 +75,7 @@ class LiveSessions(Protocol):
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A study, the live sessions of this server (``None`` without any), and the experimenter's name."""
+    """A study, the live sessions of this server (``None`` if it runs none), and the experimenter's name."""
 
     store: Store
     live: LiveSessions | None
@@ -112,7 +112,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Version of the consent text that the participant read."""
+    """A decision about the consent text. ``version``: the version that the participant read."""
 
     version: str
 
@@ -251,7 +251,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "sessions": (SessionStart, _begin),
     "links": (NewLink, _renew_link),
 }
-"""Actions on participants, by the last part of the route: type of the request body, and function."""
+"""Type of the request body and function of each action on a participant, by the last part of the action's route."""
 LOGGED_AS = {
     "identity": "change identity",
     "withdrawal": "withdraw",
@@ -261,7 +261,7 @@ LOGGED_AS = {
     "sessions": "begin session",
     "links": "make link",
 }
-"""Names of actions in the audit log that differ from the route."""
+"""Names of actions in the audit log, if they differ from the last part of the route."""
 
 
 def dashboard_app(
@@ -274,7 +274,7 @@ def dashboard_app(
 
     Args:
         store: the study. All views and actions are added to its audit log.
-        tokens: the server's tokens; tokens of experimenters are valid.
+        tokens: the server's tokens; only tokens of experimenters are accepted.
         live: the live sessions of this server; without them, no session can be started.
         addresses: returns the addresses of the participant's page for a link.
     """

@@ -23,12 +23,12 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.server.authentication import Caller
 
 VIEW_ENDS_S = 600.0
-"""A view ends if there is no request for this time (in seconds). Pages send requests repeatedly."""
+"""A view of a page ends after this time (in seconds) without a request. Pages send requests repeatedly."""
 VIEW_RESULTS = "view results"
 
 
 def actor_of(caller: Caller) -> Actor:
-    """The person who uses a token."""
+    """The person who uses a token, as stored in the audit log."""
     if caller.name:
         return Actor(caller.name, OWN_TOKEN)
     return Actor(SHARED_TOKEN_NAME, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
@@ -36,7 +36,7 @@ def actor_of(caller: Caller) -> Actor:
 
 @dataclass
 class CommandEntry:
-    """The log entry of a command. An enrolment sets the participant when the pseudonym is known."""
+    """The participant in the log entry of a command. An enrolment sets the pseudonym when it is known."""
 
     participant: str | None
 
@@ -49,9 +49,9 @@ class DashboardLog:
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a view that does not continue an earlier one.
+        """Add an entry for a view, unless it continues an earlier view.
 
-        Raises ``StudyError`` if it cannot be stored.
+        Raises ``StudyError`` if the entry cannot be stored.
         """
         if self._store.database.read_only or not self._begins(caller, name, pseudonym):
             return
@@ -64,7 +64,7 @@ class DashboardLog:
 
     @contextmanager
     def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
-        """Context manager: add an entry for the command, even if it is rejected."""
+        """Context manager: add an entry for the command, even if the command is rejected."""
         at, entry = now(), CommandEntry(pseudonym)
         try:
             yield entry

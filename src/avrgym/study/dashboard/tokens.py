@@ -33,7 +33,7 @@ class StudyTokens(Tokens):
         return None if found == Caller("participant") else found
 
     def refusal(self, token: str) -> Refusal:
-        """The reason for rejecting a token; for participants, in their language."""
+        """Why a token is rejected. For the ended link of a participant, the reason is in the participant's language."""
         if not token:
             return ENTER_CODE
         language = self.links.language_of_ended(token)

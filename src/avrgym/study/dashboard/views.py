@@ -1,4 +1,4 @@
-"""Contents of the experimenter's dashboard: no names, and no policies for blinded experimenters."""
+"""Contents of the experimenter's dashboard. They contain no names, and for blinded experimenters no policies."""
 
 import shutil
 from collections import defaultdict
@@ -37,14 +37,14 @@ MIN_FREE_BYTES = 2_000_000_000
 
 @dataclass(frozen=True)
 class SessionLink:
-    """Access to the running session: addresses with its link, and a code."""
+    """Access to the running session: addresses that contain the session link, and a code."""
 
     addresses: tuple[str, ...]
     code: str
 
 
 def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
-    """Access to the running session; ``None`` without one. ``addresses`` returns the addresses of a link."""
+    """Access to the running session; ``None`` without one. ``addresses`` returns the addresses that contain a link."""
     link, code = links.link, links.code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
@@ -100,7 +100,7 @@ class TrialView:
 
 @dataclass(frozen=True)
 class ScoreView:
-    """Score of a validated questionnaire at a moment. ``position``: position of the trial, for scores after trials."""
+    """Score of a validated questionnaire at a moment. ``position``: position of the trial (for scores after trials)."""
 
     moment: str
     position: int | None
@@ -174,7 +174,7 @@ def overview(
 
 
 def results_view(store: Store) -> Results:
-    """The results of all completed trials."""
+    """The results of completed trials for each condition."""
     answered_items = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
@@ -215,7 +215,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 
 
 def _short(store: Store) -> Iterator[str]:
-    """A warning about low disk space."""
+    """A warning if disk space is low."""
     free = shutil.disk_usage(store.folder).free
     if free < MIN_FREE_BYTES:
         yield (

@@ -25,7 +25,7 @@ class PlannedTrial:
 
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
-    """The order of trials of each cell in the design."""
+    """The order of trials in each cell of the design."""
     return _cell_orders(len(design.tasks), len(design.conditions), design.seed)
 
 
@@ -35,12 +35,12 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
 
 
 def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
-    """The cell for the next participant, by block randomisation; each site is a block.
+    """The cell for the next participant: the least filled cell at the participant's site.
 
     Args:
-        order: all cells; among equally filled cells, the first in this order is chosen.
+        order: all cells; among equally filled cells, the first in this order is returned.
         taken: the cells of participants at the same site.
-        elsewhere: the cells of participants at other sites; considered if cells are equally filled at the site.
+        elsewhere: the cells of participants at other sites; compared if several cells are least filled at this site.
     """
     here, others = Counter(taken), Counter(elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))
@@ -79,8 +79,9 @@ def plan_trials(
 def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """The participant's practice robot for each task of the design; ``participant`` is a number from 1.
 
-    Robots are random and balanced. For a task, R successive participants practise with R different robots. Each
-    participant practises with all robots equally often, up to one task more.
+    Robots are random and balanced. With R robots, each group of R successive participants practises a task with R
+    different robots. For each participant, the numbers of practice trials per robot differ by at
+    most one.
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)

@@ -16,14 +16,14 @@ from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
 NOT_COMPARED = (*SITE_FIELDS, "reporting")
-"""Fields that are not compared: fields of a single site, and fields for publications."""
+"""Design fields that are not compared: fields that may differ between sites, and fields for publications."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Texts by language: translations of ``participant_sentences``, and modified texts of ``session`` and ``page``."""
+"""Texts by language, group and key: translations of ``sentences``, and modified texts of ``session`` and ``page``."""
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
-    """The design as a dictionary, as stored in the database."""
+    """The design as a dictionary for the database, without the fields ``NOT_COMPARED``."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
     return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
 
@@ -63,7 +63,8 @@ def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, 
 def comparable_values(design: Design) -> dict[str, Any]:
     """The design's values for a comparison.
 
-    Questionnaires, items and questions are dictionaries by id, with their order.
+    Arrays of questionnaires, items and inclusion questions become dictionaries by name or id. Their order is a separate
+    value.
     """
     values = design_to_dict(design)
     values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
@@ -79,7 +80,7 @@ def comparable_values(design: Design) -> dict[str, Any]:
 
 
 def _name(table: dict[str, Any], key: str, name: str) -> None:
-    """Replace an array of tables by a dictionary of tables, and store their order."""
+    """Replace the array ``table[key]`` by a dictionary by the value of ``name``. Store the order separately."""
     table[f"order of {key}"] = [each[name] for each in table[key]]
     table[key] = {each[name]: {k: v for k, v in each.items() if k != name} for each in table[key]}
 
@@ -96,7 +97,7 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 MAX_TEXT_LENGTH = 80
-"""Longer values are truncated."""
+"""Maximum number of characters of a value in a message."""
 MISSING = object()
 """Represents a missing value."""
 
@@ -114,7 +115,7 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
 
 
 def place_text(place: Place) -> str:
-    """The place as text, such as ``items[1].text``; elements are counted from 1."""
+    """The place as text, such as ``items 1.text``; array elements are counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 

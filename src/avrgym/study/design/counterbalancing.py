@@ -2,7 +2,7 @@
 
 A Williams square is a Latin square: each condition is equally often at each position, and equally often after each
 other condition (Williams, *Experimental designs balanced for the estimation of residual effects of treatments*,
-1949). For an odd number of conditions, it has twice as many rows.
+1949). For an odd number of conditions, the square has twice as many rows.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Block:
 
 
 CANDIDATES = 200
-"""Number of random arrangements. The arrangement with the most variation within participants is used."""
+"""Number of random arrangements that are compared. The one with the most different rows within cells is used."""
 
 Order = tuple[Block, ...]
 """The blocks of one participant in order."""
@@ -38,8 +38,8 @@ def williams_square(size: int) -> IntArray:
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
     """One order of blocks for each cell of the design.
 
-    Over all cells, tasks are balanced over blocks as in a Williams square. Conditions are balanced in the same way,
-    both within the blocks of each task and within the blocks at each place.
+    Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
+    same way, over the blocks of each task and over the blocks at each place.
     """
     task_rows = _shuffled_square(tasks, rng)
     condition_rows = _shuffled_square(conditions, rng)
@@ -67,11 +67,13 @@ def _variety(row_of: IntArray) -> int:
 
 
 def _spread(task_of: IntArray, rows: int) -> IntArray:
-    """Row indices (cells, places) of the conditions' square, for a Latin arrangement ``task_of`` (cells, places).
+    """For each block, the row index (cells, places) in the Williams square of conditions, which has ``rows`` rows.
 
+    ``task_of`` (cells, places): the task of each block; each task must be equally often at each place.
     Each row is equally often at each place and for each task. Proof: tasks and places are the two sides of a regular
     bipartite graph with an edge for each block. Blocks with the same distance between task and place, and with the same
-    number of equal blocks in earlier cells, are a perfect matching. The matchings distribute the rows evenly.
+    number of earlier cells with that task at that place, are a perfect matching. The matchings distribute the rows
+    evenly.
     """
     cells, places = map(int, task_of.shape)
     earlier = np.array(

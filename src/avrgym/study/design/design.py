@@ -68,7 +68,7 @@ class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Facts for publications that recordings do not contain; empty if unknown."""
+    """Facts for publications, which recordings do not contain. An unknown fact is an empty text."""
 
     ethics_approval: str = ""
     recruitment: str = ""
@@ -83,18 +83,19 @@ class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The design of a whole study.
 
-    ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the design is
-    written in the first. ``trial_steps``: control steps of a trial. ``practice_policy``: empty without practice trials.
+    ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the first is
+    the language of the design. ``trial_steps``: control steps of a trial. ``practice_policy``: empty if there are no
+    practice trials.
     ``goals``: instructions to participants by task; default: the sentence of the task. ``furniture``: the real seat and
     bed.
     ``max_held_share``: a trial is excluded from the analysis if the share of time with tracking loss is larger.
     ``force_guard``: the arms' contact forces and approach speed are limited; default: off.
     ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
     ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
-    ``streams``: exchange with other devices. ``headset_check``: sessions of people begin with a headset check.
+    ``streams``: data streams to and from other devices. ``headset_check``: sessions of people begin with such a check.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
-    ``settings``: of all environments; ``allow_other_settings``: with policies that were trained with others.
+    ``settings``: settings of all environments. ``allow_other_settings``: also use policies trained with others.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -149,7 +150,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """The items at a moment, in order. ``seed`` is the seed of the trial."""
+        """The items that are asked at a moment, in their order. ``seed``: the trial's seed, for random orders."""
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
@@ -163,7 +164,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:
-        """The policy of a trial as the experimenter sees it: its name, or a letter for a blinded experimenter."""
+        """The policy of a trial as the experimenter sees it: its name, or if blinded, a letter or ``practice``."""
         if not self.blind_experimenter:
             return policy
         return "practice" if practice else self.policy_codes()[policy]

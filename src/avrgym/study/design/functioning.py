@@ -1,7 +1,8 @@
 """Questions about disability, diagnosis and assistive devices. Participants may decline each question.
 
-The questions about functioning are the Washington Group's Short Set on Functioning, with its four levels. Devices are
-the classes of assistive products in ISO 9999:2022, with shortened names. No translation of either is validated.
+The questions about functioning are the Washington Group's Short Set on Functioning, with its four levels. The answers
+about devices are the classes of assistive products in ISO 9999:2022, with shortened names. Translations of questions
+and answers are not validated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -40,7 +41,7 @@ DEVICES: Mapping[str, str] = {
     NONE: "none of these",
     DECLINED: "I prefer not to answer",
 }
-"""The classes of ISO 9999 by their numbers."""
+"""Assistive devices: classes of ISO 9999 by their numbers, and the answers ``none`` and ``declined``."""
 DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 

@@ -1,4 +1,4 @@
-"""Validated questionnaires in a design: ``use`` names a questionnaire, and is replaced by its items.
+"""Validated questionnaires in a design: ``use`` names a questionnaire; its items are added to the design.
 
 If the licence of a text does not allow distribution, the text is read from ``instruments/NAME.toml`` in the study's
 folder. This file has a line for each item: ``ID = "text"``, or with end labels
@@ -26,7 +26,7 @@ FIELDS = ("use", "name", "when", "order", "weights")
 
 
 class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The text and labels of an item in the study's file."""
+    """The text and end labels of an item in ``instruments/NAME.toml``."""
 
     text: str
     low: str = ""
@@ -61,7 +61,7 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
 
 
 def check_use(place: Place, questionnaire: Questionnaire) -> None:
-    """Raise ``ValidationError`` if the questionnaire has no weights, or if the weights are invalid."""
+    """Raise ``ValidationError`` for invalid weights, and for weights of a questionnaire that cannot have weights."""
     if questionnaire.weights is msgspec.UNSET:
         return
     instrument = questionnaire.instrument
@@ -77,7 +77,7 @@ def check_use(place: Place, questionnaire: Questionnaire) -> None:
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
-    """The items of a validated questionnaire; missing texts are read from the study's file."""
+    """The items of a validated questionnaire; if texts are missing, they are read from the study's folder."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
     points = instrument.response.points
@@ -89,7 +89,7 @@ def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
 
 
 def _texts_of_study(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
-    """The texts of all items in the study's file. Raises ``ValidationError`` if texts are missing."""
+    """The texts of all items from the study's folder. Raises ``ValidationError`` for a missing or invalid file."""
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
@@ -119,7 +119,7 @@ def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
 
 
 def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
-    """The missing items of the file, and their format, as text."""
+    """The ids of missing items, and the format of their texts, for an error message."""
     ends = all(item.low and item.high for item in instrument.items)
     how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
     return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

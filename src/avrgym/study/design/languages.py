@@ -86,7 +86,7 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
 
 
 def text_files(design: Design, folder: Path) -> list[str]:
-    """Files with translations and questionnaire texts that the design uses, relative to the study's folder."""
+    """Existing files of translations and questionnaire texts of the design, relative to the study's folder."""
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
     names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]
     names += [f"{INSTRUMENTS}/{name}.toml" for name in used]

@@ -27,7 +27,7 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def months(self) -> Mapping[str, int]:
-        """The retention periods in months, by kind of data; without kinds that have no period."""
+        """The retention periods in months, by kind of data. Kinds without a period are omitted."""
         years = {RECORDINGS: self.recordings_years, DATA: self.data_years}
         given = {IDENTITIES: self.identities_months} | {
             kind: None if period is None else 12 * period for kind, period in years.items()
@@ -47,7 +47,7 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_retention(retention: Retention) -> None:
-    """Raise ``ValidationError`` if the date is invalid."""
+    """Raise ``ValidationError`` if ``ended_on`` is not a date."""
     try:
         _ = retention.end
     except ValueError:
@@ -58,6 +58,6 @@ def check_retention(retention: Retention) -> None:
 
 
 def _later(day: date, months: int) -> date:
-    """The same day in a later month, or the last day of that month."""
+    """The same day ``months`` later; if that month is too short, its last day."""
     year, month = divmod(12 * day.year + day.month - 1 + months, 12)
     return date(year, month + 1, min(day.day, calendar.monthrange(year, month + 1)[1]))

@@ -15,7 +15,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 class ValidationError(Exception):
-    """An invalid value. ``place`` is the path of its keys."""
+    """An invalid value. ``place``: the keys and indices that lead to the value."""
 
     def __init__(self, place: Place, message: str) -> None:
         super().__init__(message)
@@ -62,7 +62,7 @@ def check_fields(place: Place, table: dict[str, Any], allowed: tuple[str, ...]) 
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
-"""The struct of each table in a file, by the path of its keys."""
+"""The struct of each table in a file, by the table's key path."""
 
 
 class DesignError(ValueError):
@@ -93,7 +93,7 @@ def parse_toml(
         text: the contents of the file.
         name: name of the file in error messages.
         kind: struct of the whole file.
-        tables: structs of its tables.
+        tables: structs of the tables in the file, by key path.
         check: raises ``ValidationError`` for the first invalid value.
         complete: expands values before validation; may raise ``ValidationError``.
 

@@ -19,15 +19,15 @@ FORMATS: Mapping[str, str] = {
     "lerobot": "lerobot",
     "minari": "minari",
 }
-"""Format, and the module that writes it."""
+"""The module that writes each format."""
 WITH_RECORDS = ("csv", "bids")
 """Formats that contain events and experimenters' texts. Other formats contain only trials."""
 WITH_IMAGES = ("hdf5", "lerobot")
 """Formats that can contain camera images."""
 LEFT_OUT = "left_out.csv"
-"""The table of omitted recordings."""
+"""File name of the table of omitted recordings."""
 Write = Callable[..., None]
-"""Writes a study's undamaged completed attempts into a folder. Formats ``WITH_RECORDS`` also accept extras."""
+"""Function that writes undamaged completed attempts into a folder. Formats ``WITH_RECORDS`` also accept extras."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -113,7 +113,7 @@ def _write(
 
 
 def _add_losses(store: Store, folder: Path) -> None:
-    """Append the consequences of a lost database to the README files."""
+    """Append sentences to the README files about data that were lost with the study's database."""
     words = describe_data_loss(store)
     for path in folder.rglob("README*") if words else ():
         with path.open("a", encoding="utf-8") as file:

@@ -1,7 +1,8 @@
 """Export a study in BIDS with its motion extension (https://bids-specification.readthedocs.io, version 1.11).
 
-Each completed trial is a run. It has tracked head and hands with a LATENCY channel, events, samples of other devices,
-and a row in the session's scans. Answers are in ``phenotype``, with a column for each condition and item.
+Each completed trial is a run. A run contains the tracked head and hands, a LATENCY channel, events, and samples of
+other devices; the session's scans file has a row for it. Answers are in ``phenotype``, with a column for each
+condition and item.
 """
 
 import gzip
@@ -146,7 +147,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
-    """Write samples as gzip without file name and date. Equal studies then result in equal bytes."""
+    """Write samples as gzip, without name and date: equal studies give equal bytes. Also write their JSON file."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
@@ -156,7 +157,7 @@ def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None
 def _write_events(
     events: Sequence[tuple[int, Event]], start_s: float, path: Path, corrected: Mapping[str, Any]
 ) -> None:
-    """Write events with onsets from the first tracking frame. ``corrected``: time corrections of text streams."""
+    """Write events; onsets count from the first tracking frame. ``corrected``: time corrections of text streams."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
         for time_ns, event in sorted(events, key=lambda timed: timed[0])
@@ -237,7 +238,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Whether the part's tracked pose moved the simulated person: it was not lost, repeated or a jump."""
+    """Whether the person model followed the tracked pose of this part: the pose was not lost, stale or rejected."""
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
@@ -269,7 +270,7 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    """A name of an item or questionnaire that is valid in file names."""
+    """The name of an item or questionnaire, with only characters that are valid in file names."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
 
 
@@ -282,7 +283,7 @@ def _rows_of_answers(
     """One row for each participant with answers, with a column for each condition (or session) and item.
 
     Returns:
-        The rows, and the item of each column.
+        The rows, and the item's id by column.
     """
     rows: list[dict[str, Any]] = []
     item_by_column: dict[str, str] = {}

@@ -30,7 +30,7 @@ ROWS: Mapping[str, type] = {
 }
 """The row type of each table."""
 TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, row in ROWS.items()}
-"""The columns of each table that are the same in all studies."""
+"""The columns of each table, without columns that depend on the design."""
 INSTRUMENT_TABLES = ("scores", "scales")
 """Tables that only studies with validated questionnaires have."""
 RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
@@ -43,7 +43,7 @@ def reward_terms(design: Design) -> list[str]:
 
 
 def action_size(design: Design) -> int:
-    """Largest action size of the design's robots. Each component has a column in the table of control steps."""
+    """Largest number of action components of the design's robots. Each has a column in the table of control steps."""
     robots = [find_robot(name) for name in design.robots]
     return max(len(robot.action_names(arm)) for robot in robots for arm in robot.arms.values())
 

@@ -1,4 +1,4 @@
-"""Counts of functioning and assistive devices of the analysed people; small groups are suppressed."""
+"""Counts of answers about functioning and assistive devices; small counts are suppressed."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,7 +10,7 @@ from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 MIN_GROUP_SIZE = 5
-"""Smallest group in a table. Counts that would reveal a smaller group are suppressed too."""
+"""Smallest exported count above 0. Counts that would reveal a smaller count are suppressed too."""
 SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
 
@@ -41,7 +41,7 @@ def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> lis
 
 
 def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRow]:
-    """Each person's answers; the diagnosis only with ``free_text``."""
+    """Each person's answers. The diagnosis is included only with ``free_text``."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:
@@ -59,7 +59,7 @@ def _answers(person: Participant) -> Functioning | None:
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
-    """Whether the person has a completed trial that is not practice."""
+    """Whether a person (not simulated) takes part and has a completed trial that is not practice."""
     return (
         not person.simulated
         and person.state in PARTICIPATING

@@ -1,7 +1,7 @@
 """Export a study as LeRobot datasets (format v3.0), one for each environment, without video.
 
-Format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. Colour images are PNG files in the table, with the
-format's type ``image``; depth and segmentation are arrays.
+Format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. Colour images are stored as PNG in the table (type
+``image`` of the format); depth and segmentation images are arrays.
 """
 
 import io
@@ -28,7 +28,7 @@ VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Quantiles by name in the format. Policies with quantile normalisation need q01 and q99."""
+"""Quantiles by their names in the format. Policies with quantile normalisation need q01 and q99."""
 IMAGES = "observation.images"
 Columns = Mapping[str, NumpyArray]
 
@@ -71,7 +71,7 @@ def _task(exported: ExportedAttempt) -> str:
 def _columns(
     exported: ExportedAttempt, episode: int, start: int, task: int, cameras: Sequence[str]
 ) -> Columns:
-    """The frames of one trial by feature; each feature is (steps,) or (steps, size)."""
+    """The values of one trial by feature: (steps,), (steps, size), or images (steps, H, W) or (steps, H, W, 3)."""
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
     return {
@@ -118,7 +118,7 @@ def _episode(
 
 
 def statistics(values: NumpyArray) -> dict[str, list[float]]:
-    """Statistics of a feature over all frames; each is a list of the feature's size.
+    """Statistics of a feature over all frames; each has a value for every component of the feature.
 
     Quantiles are computed over all frames. Averages over the quantiles of episodes would be too narrow.
     """
@@ -164,7 +164,7 @@ def _arrow(values: NumpyArray) -> pa.Array:
 
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-"""The type of images in tables of Hugging Face."""
+"""Arrow type of images in Hugging Face datasets."""
 
 
 def _png(image: NumpyArray) -> bytes:
@@ -218,7 +218,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """Names of each feature's components; empty for recordings with another size."""
+    """Names of the components of observation and action, by feature."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.action_names)}

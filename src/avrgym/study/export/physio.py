@@ -95,7 +95,7 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
-    """time corrections of each text stream, by name."""
+    """Time corrections of each text stream that has any, by stream name."""
     found = {
         name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)
     }
@@ -156,7 +156,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
 
 
 def _ends_with(label: str, axis: str) -> bool:
-    """Whether the last word of a channel's name, without the unit in brackets, is the axis."""
+    """Whether a channel's label ends with the axis as a word. A unit in brackets is ignored."""
     words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
     return bool(words) and words[-1] == axis
 

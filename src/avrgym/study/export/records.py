@@ -37,11 +37,11 @@ class Extras:
 
 
 NO_EXTRAS = Extras()
-"""No extras."""
+"""Nothing that is exported only on request."""
 
 
 def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
-    """The rows of each table, by the table's name."""
+    """The rows of the tables of events, adverse events, functioning and notes, by table name."""
     people = store.participants()
     tables: dict[str, Rows] = {
         "events": list(event_rows(store, people, extras)),
@@ -120,7 +120,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
 
 
 def log_rows(store: Store, extras: Extras) -> Iterator[LogRow]:
-    """All entries of the audit log. An experimenter is a number; with ``free_text``, a name."""
+    """All entries of the audit log. Each experimenter has a number, or with ``free_text`` a name."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}

@@ -1,8 +1,8 @@
 """Export a study as robomimic demonstrations, one HDF5 file for each environment.
 
 Format: https://robomimic.github.io/docs/datasets/overview.html. Recordings contain no observation after the last
-step, so the last next observation repeats the last observation. robomimic expects the name ``flat`` for such
-observations; it is a second name of ``observation``.
+step, so the last entry of ``next_obs`` repeats the last observation. robomimic expects the name ``flat`` for vector
+observations, so ``flat`` is a second name of ``observation``.
 
 ``create_env_from_metadata`` creates the environments with the module ``old_gym``.
 """
@@ -53,7 +53,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: S
 
 
 def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
-    """The demonstrations in each of robomimic's filter keys."""
+    """For each filter key of robomimic: whether each demonstration belongs to the key."""
     practice = [exported.trial.practice for exported in attempts]
     simulated = [exported.participant.simulated for exported in attempts]
     success = [bool(exported.attempt.metrics.success) for exported in attempts]

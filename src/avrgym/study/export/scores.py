@@ -16,7 +16,7 @@ from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
 When = tuple[int, int, str]
-"""Time of answers: attempt (0 without an attempt), session, and moment."""
+"""Time of answers: id of the attempt (0 without an attempt), id of the session, and moment."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ def scores_of(
 ) -> list[Score]:
     """All scores of a participant, in the order of their answers.
 
-    After a crash, the next session asks the remaining items; all answers of this session are then scored together.
-    Weights are those in the design; without them, those from the participant's answers at the same time, or else the
-    latest.
+    After a crash, the next session asks the remaining items. The answers of both sessions are then scored together.
+    Weights are read from the design. If the design has none, they are computed from the participant's answers to the
+    weighting questionnaire: the answers at the same time, or else the latest answers.
     """
     sessions = store.sessions(participant.pseudonym)
     answers_by_questionnaire: dict[tuple[str, When], list[ExportedAnswer]] = {}
@@ -107,7 +107,7 @@ def uses_instruments(design: Design) -> bool:
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
-    """Whether the item belongs to a validated questionnaire."""
+    """Whether the answered item belongs to a validated questionnaire."""
     instrument = answer.questionnaire.instrument
     return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
 

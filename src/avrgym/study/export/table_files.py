@@ -10,13 +10,13 @@ from avrgym.system.files import open_new_csv
 from avrgym.system.type_guards import is_table
 
 FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""A spreadsheet could run text with these first characters as a formula."""
+"""Spreadsheets may run a text as a formula if it begins with one of these characters."""
 
 
 def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> None:
     """Write rows with the same columns; a row is a dataclass instance or a mapping.
 
-    If there are no rows, the header is written only with ``columns``.
+    If there are no rows, the header contains ``columns``.
     """
     heading = list(columns)
     with open_new_csv(path) as file:
@@ -43,7 +43,7 @@ def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
 
 
 def tsv_cell(value: Any) -> str:
-    """The value as text without tabs and line breaks."""
+    """The value as text without tabs and line breaks; ``n/a`` if the text is empty."""
     text = " ".join(str(spreadsheet_safe(value)).split()) if value is not None else ""
     return text or "n/a"
 

@@ -38,7 +38,7 @@ Heights = Mapping[int, float | None]
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
 ) -> None:
-    """Write all tables into a folder. The table of control steps contains completed attempts."""
+    """Write all tables into a folder. ``completed``: the attempts in the table of control steps."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights: Heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
@@ -71,7 +71,7 @@ def participant_tables(
     heights: Heights,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
-    """All tables whose rows belong to a participant, by name."""
+    """The rows of all tables about single participants, by table name."""
     tables: dict[str, Iterable[Any]] = {
         "participants": _participants(store, _median_heights(completed, heights)),
         "consents": consent_rows(store),

@@ -43,14 +43,14 @@ class ExportedAttempt:
         return self.trial.task + self.trial.robot
 
     def read(self) -> Recording:
-        """Read the recording up to its end or to the first damage. It is large and not cached."""
+        """Read the recording up to its end or to the first damage. Recordings are large and not cached."""
         return read_recording(self.store.path(self.attempt.recording))
 
     def read_whole(self) -> Recording:
         """Read the recording, which must be complete and unchanged.
 
         Raises:
-            StudyError: if the recording is missing, damaged or changed; the message begins with its name.
+            StudyError: if the recording is missing, damaged or changed; the message begins with the recording's name.
         """
         name = self.attempt.recording
         if not self.store.path(name).is_file():
@@ -85,7 +85,7 @@ class ExportedAttempt:
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
-        """Camera images (steps, ...) at the start of each control step, rendered from the recorded states, by entry.
+        """Camera images (steps, ...) at the start of each control step, by image name, rendered from recorded states.
 
         Raises:
             StudyError: for a camera that the robot does not have, or if the states cannot be rendered.
@@ -117,7 +117,7 @@ class ExportedAttempt:
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """All attempts of all participants, in the order of their start."""
+    """All attempts, ordered by participant and start."""
     for participant in store.participants():
         yield from attempts_of(store, participant)
 
@@ -222,7 +222,7 @@ class LeftOut:
 def verified(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
-    """Split attempts: first attempts with a complete, unchanged recording, then attempts that cannot be exported.
+    """Split attempts into those with a complete, unchanged recording, and those that cannot be exported.
 
     ``progress``: called with the number of recordings read and their total number.
     """
@@ -239,7 +239,7 @@ def verified(
 
 
 def scenes(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
-    """Attempts by task and robot, for formats in which all observations have the same size."""
+    """Attempts by scene (task and robot), for formats in which a dataset's observations have one size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)

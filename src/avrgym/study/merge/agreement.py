@@ -19,7 +19,7 @@ from avrgym.system.toml_lines import Place, line_of
 from avrgym.texts.interface_texts import read_texts
 
 EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
-"""Design fields that must be equal at all sites."""
+"""Design fields that must be equal at all sites, even if other differences are accepted."""
 NamedStudy = tuple[str, Store]
 """Name of a site, and its study."""
 
@@ -28,7 +28,7 @@ def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[st
     """Descriptions of the differences between two studies.
 
     Raises:
-        StudyError: for differences that are not ``accepted``, or for a difference in a field of ``EQUAL_FIELDS``.
+        StudyError: for a difference in a field of ``EQUAL_FIELDS``, or for any difference without ``accepted``.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
     never = [each for each in designs if each[0][0] in EQUAL_FIELDS]
@@ -75,7 +75,7 @@ def _line(store: Store, place: Place) -> str:
 
 
 def _design(store: Store) -> dict[str, Any]:
-    """The design's fields that must be equal at all sites."""
+    """The design's fields, except the fields that may differ between sites."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in SITE_FIELDS}
 

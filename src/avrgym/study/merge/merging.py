@@ -46,7 +46,7 @@ from avrgym.system.files import make_private_folder, remove_unfinished, write_fo
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
-    """Create an empty study with the design of one site in a new folder. ``names``: names of sites by number."""
+    """Create an empty study in a new folder, with the design of the study ``like``. ``names``: site names by number."""
 
     def write(folder: Path) -> None:
         write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
@@ -61,7 +61,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 
 def _without_local(design: str) -> str:
-    """The text of a design without the fields of a single site. The other lines are unchanged."""
+    """The text of a design without the fields that may differ between sites. The other lines are unchanged."""
     document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in SITE_FIELDS):
         return design
@@ -130,7 +130,7 @@ def merge_studies(
 
     Raises:
         StudyError: if studies differ, are the same, were changed by another program or lack recordings, or if ``out``
-            is another study. Nothing is changed then.
+            contains other files. Nothing is changed then.
         DesignError: if a site's ``study.toml`` is invalid.
     """
     _check_places(folders, out)
@@ -200,7 +200,7 @@ def _number(
 
 
 def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -> None:
-    """Collect the recordings that cannot be copied, with the reason."""
+    """Store in the ``faults`` of each site why recordings cannot be copied."""
     everything = [
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
@@ -246,7 +246,7 @@ def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
 
 
 def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
-    """Store the number of a new site. Raises ``StudyError`` if another merge has used it."""
+    """Store the number of a new site. Raises ``StudyError`` if another merge gave it to another site."""
     for known in find_all(connection, Site, number=site.number):
         if known.name != site.source.name:
             raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
@@ -279,7 +279,7 @@ def _merge_participant(
 
 
 def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
-    """Delete participants that were deleted at the site since an earlier merge. Yields their numbers."""
+    """Delete merged participants that were deleted at the site. Yields their numbers in the merged study."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
         number = merged_participant_number(site.number, row["number"])

@@ -34,7 +34,7 @@ class SiteStudy:
 
     @property
     def people(self) -> dict[int, str]:
-        """Enrolment time by participant number. Together they identify a participant."""
+        """Enrolment time by participant number. Number and time together identify a participant."""
         return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
 
     @property
@@ -73,7 +73,7 @@ def read_site_study(store: Store) -> SiteStudy:
 
 
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
-    """All rows of a table, without salts, because the merged study has its own."""
+    """All rows of a table. Salts are omitted, because the merged study creates its own salts."""
     names = [column.key for column in table.columns]
     found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
@@ -94,7 +94,7 @@ def check_distinct(sources: Sequence[SiteStudy]) -> None:
 
 
 def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
-    """Raise ``StudyError`` if the site is neither new nor a continuation of the merged site.
+    """Raise ``StudyError`` unless the site is new, or its study continues the merged site with the same name.
 
     Args:
         source: the site's study.

@@ -33,7 +33,10 @@ def merged_name(text: str, site: int) -> str:
 
 @dataclass(frozen=True)
 class Recording:
-    """A site's recording, and its path in the merged study. A recording without a checksum may be missing."""
+    """A site's recording (``source``), and its path in the merged study (``target``).
+
+    The file may be missing if ``sha256`` is ``None``.
+    """
 
     attempt: int
     participant: int
@@ -47,7 +50,7 @@ class Recording:
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
     def fault(self) -> str | None:
-        """The reason why the recording cannot be copied, beginning with its name; ``None`` without a problem."""
+        """Why the recording cannot be copied (a message that begins with its name); ``None`` if it can be copied."""
         if self.source is None:
             return f"{self.name} is outside the study's recordings"
         if self.sha256 is None:
@@ -57,7 +60,7 @@ class Recording:
         return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
 
     def copy(self) -> bool:
-        """Copy the recording atomically. Returns whether a file has changed.
+        """Copy the recording atomically. Returns whether the copy is new or different from an earlier copy.
 
         Raises:
             StudyError: if the checksum is wrong.
@@ -94,7 +97,7 @@ def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Record
 
 
 def _expected_checksum(row: Row) -> str | None:
-    """The stored checksum of an attempt's recording. A completed attempt without checksum matches no file."""
+    """The stored checksum of an attempt's recording. If a completed attempt has none, the result matches no file."""
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
 
@@ -118,9 +121,9 @@ _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
 def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
-    """The rows of a site with their merged keys, by the participant's number at the site.
+    """The rows of a site with their keys in the merged study, by the participant's number at the site.
 
-    Tombstones are excluded. Log entries belong to ``None``, because they are never deleted.
+    Tombstones are excluded. ``None``: rows without a participant, and log entries, which are never deleted.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
     sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
@@ -133,7 +136,7 @@ def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Row
 
 
 def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
-    """The participant's number of a row; ``None`` without a participant."""
+    """Number of the participant to whom the row belongs; ``None`` without a participant."""
     if "enrolled_at" in row:
         return row["number"]
     if row.get("participant") is not None:
@@ -167,7 +170,7 @@ def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
 
 
 def store_rows(connection: sa.Connection, rows: Rows) -> int:
-    """Write new and changed rows into the merged study. Returns their number."""
+    """Write new and changed rows into the merged study. Returns the number of written rows."""
     written = 0
     for table in MERGED_TABLES:
         wanted = rows.get(table.name, {})

@@ -33,7 +33,7 @@ class ShownText:
 def consents_to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
-    """Consents to another text with the same version and language. Differences in white space are ignored.
+    """Consents to another text than ``shown``, with the same version and language. White space is not compared.
 
     ``first_language``: the language of consents without a stored language.
     """
@@ -59,7 +59,7 @@ def store_consent(
     """Store a participant's decision about a consent text, and archive a new text.
 
     Raises:
-        StudyError: if another participant agreed to another text with the same version.
+        StudyError: if a participant read another text with the same version and language.
     """
     archive = find_all(connection, ConsentText)
     others = consents_to_other_texts(shown, find_all(connection, Consent), archive, first_language)
@@ -86,7 +86,7 @@ def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
 def restore_consents(
     store: Store, connection: sa.Connection, participant_number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
-    """Restore a participant's consents from recordings: all in order, and the latest in the participant's row.
+    """Insert a participant's recorded consents in order, and store the latest one in the participant's row.
 
     The design's text is archived if the participant agreed to it.
     """
@@ -117,7 +117,7 @@ def consenting_participants(consents: Iterable[Consent]) -> str:
 
 
 def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
-    """The checksum of the archived text. A new text is added to the archive."""
+    """Add the text to the archive if it is new. Returns the checksum of the archived text."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):

@@ -18,7 +18,7 @@ from avrgym.study.storage.study_folder import used_numbers
 def delete_participant(store: Store, pseudonym: str) -> None:
     """Delete a participant's recordings, rows and name, all backups of the database, and the study's analysis.
 
-    A tombstone keeps the participant's number, which is never used again. After a crash, a second call completes the
+    A tombstone stores the participant's number, which is never used again. After a crash, a second call completes the
     deletion.
 
     Raises:
@@ -41,7 +41,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 
 def _has_rows(store: Store, connection: sa.Connection, number: int) -> bool:
-    """Whether the database contains rows to delete, not only the identity file or the recordings."""
+    """Whether rows must be deleted; false if only other files of the study contain the participant."""
     return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 
 

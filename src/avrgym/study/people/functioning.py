@@ -10,7 +10,7 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 
 
 class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A level for each question, numbers of device classes, and a diagnosis as free text."""
+    """A participant's answers: a level for each question, numbers of device classes, and a diagnosis as free text."""
 
     levels: dict[str, str]
     devices: tuple[str, ...] = ()

@@ -25,7 +25,7 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
         pseudonym: the participant's pseudonym, if enrolled; their own entry is not compared.
 
     Returns:
-        Detail of the study event; empty without duplicates.
+        Detail of the event about a confirmed duplicate; empty without duplicates.
 
     Raises:
         PossibleDuplicate: if another participant has the same name or contact, unless ``confirmed``.
@@ -54,7 +54,7 @@ def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) 
 
 
 def may_be_same_person(first: Identity, second: Identity) -> bool:
-    """Whether name or contact are the same, and neither differs. Empty values are ignored."""
+    """Whether two identities have an equal name or contact, and no different one. Empty values are ignored."""
     pairs = (
         (_plain_name(first.name), _plain_name(second.name)),
         (_plain_contact(first.contact), _plain_contact(second.contact)),
@@ -79,7 +79,9 @@ def _folded(text: str) -> str:
 
 
 def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None) -> bool:
-    """Encrypt all names with a new key file or passphrase. Returns whether an unencrypted file was removed.
+    """Encrypt all names with a new key. Returns whether an unencrypted file was removed.
+
+    ``new_passphrase``: returns the new passphrase; default: a new key file is used.
 
     Raises:
         KeyUnavailable: if the current key of encrypted names is missing.

@@ -138,7 +138,7 @@ def record_consent(store: Store, pseudonym: str) -> None:
     Re-consent to a new version changes neither state, order nor earlier consents.
 
     Raises:
-        StudyError: if the state does not allow it, or if another participant agreed to another text with the same
+        StudyError: if the state does not allow consent, or if a participant read another text with the same
             version.
     """
     with store.write() as connection:
@@ -161,7 +161,7 @@ def record_consent(store: Store, pseudonym: str) -> None:
 
 
 def decline_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant does not re-consent to a new version, and withdraw them.
+    """Store that a participant does not consent to a new version of the text, and withdraw the participant.
 
     Raises:
         StudyError: if no re-consent is necessary.

@@ -14,7 +14,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 
 EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
-"""Event of a deletion by kind of data; a deletion of ``DATA`` creates a tombstone instead."""
+"""Event of a scheduled deletion, by kind of data. A deletion of ``DATA`` creates a tombstone instead."""
 DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
 
@@ -57,7 +57,7 @@ def due(store: Store, day: date) -> list[ScheduledDeletion]:
 
 
 def describe_due(store: Store, day: date) -> Iterator[str]:
-    """Sentences about data that are due, and about a missing end of the study."""
+    """Texts about data whose deletion is due, and about a missing end date of the study."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
@@ -70,7 +70,7 @@ def describe_due(store: Store, day: date) -> Iterator[str]:
 
 
 def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
-    """Delete all data that are due on ``day``. Yields kind of data and participant after each deletion.
+    """Delete all data whose deletion is due on ``day``. Yields kind of data and participant after each deletion.
 
     ``DATA`` is deleted by ``delete_participant``. After a crash, a second call completes the deletions.
 

@@ -31,7 +31,7 @@ MEASURES = (
 
 
 def write_data_protection(store: Store) -> list[Path]:
-    """Write both drafts into the study's folder. Edited drafts are never overwritten.
+    """Write both drafts into the study's folder, and return their paths. Edited drafts are never overwritten.
 
     Raises:
         StudyError: if a draft exists with another text.
@@ -52,7 +52,7 @@ def write_data_protection(store: Store) -> list[Path]:
 
 
 def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """The contents required by Article 35(7), and the sections before them."""
+    """Texts of the impact assessment, by section and heading. Most are required by Article 35(7)."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
             "Why": "Movements of head and hands may identify a person even without a name. "
@@ -108,7 +108,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """The contents required by Article 30(1)."""
+    """Texts of the record of processing that Article 30(1) requires, by section and heading."""
     return {
         "Record (Article 30(1))": {
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),

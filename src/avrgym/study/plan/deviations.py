@@ -48,7 +48,7 @@ Change = tuple[Place, Any, Any]
 
 
 def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Differences of the design and of participants' texts from the frozen plan.
+    """Findings about differences between the frozen plan and the design or the texts for participants.
 
     Differences in sessions are included even if the current files match the plan.
     """
@@ -71,7 +71,10 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _session_values(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """Frozen value and participants of each difference, by file, place and different value."""
+    """Differences of sessions and admissions from the frozen design: frozen value and participants of each.
+
+    The key is the file, the place and the different value.
+    """
     sessions = session_designs(store)
     found = {
         (each.file, each.place, value_text(each.used)): (
@@ -88,7 +91,7 @@ def _session_values(
 
 
 def file_deviations(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
-    """Differences of a file from its frozen contents."""
+    """Findings about differences between a file and its frozen text (``before``)."""
     fault, changes = _compare(store, record, name, before, None)
     if fault:
         yield deviation(name, fault)
@@ -134,7 +137,7 @@ def _compare(
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The file's fields that must be equal at all sites."""
+    """The file's fields that are compared: all except ``NOT_COMPARED``."""
     return {name: value for name, value in values.items() if name not in NOT_COMPARED}
 
 
@@ -159,13 +162,13 @@ def deviations(
     left_out: Sequence[ExcludedTrial] = (),
     optional_tests: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
-    """All differences between a study and its frozen plan.
+    """Findings about all differences between a study and its frozen plan.
 
     Args:
         store: the study.
         frozen: the frozen plan.
         available_tests: the tests of the current analysis.
-        left_out: the known excluded trials.
+        left_out: findings about trials that are excluded from the analysis.
         optional_tests: optional tests; they are exploratory if the plan does not name them.
     """
     found = [Finding(FROZEN, fault) for fault in frozen.faults]
@@ -197,7 +200,7 @@ def _software(record: PlanRecord) -> Iterator[Finding]:
 
 
 def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Plug-ins that differ from the frozen record."""
+    """Findings about plug-ins that differ from the frozen record."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
         yield deviation("plug-ins", difference)
 
@@ -227,7 +230,7 @@ def _replaced(before: PolicyFile, after: PolicyFile) -> str:
 
 
 def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Excluded, withdrawn and deleted participants, and the number of participants who completed the study.
+    """Findings about excluded, withdrawn and deleted participants, and about the number of completed ones.
 
     Simulated participants are considered only in a study without people.
     """
@@ -257,7 +260,7 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _tests(
     record: PlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
 ) -> Iterator[Finding]:
-    """Tests of the report that are not in the plan, and tests of the plan that are not in the report."""
+    """Findings about tests of the report that are not in the plan, and about planned tests without a result."""
     plan = record.parsed()
     for test, measures in available_tests.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]

@@ -46,8 +46,8 @@ FORMAT = "avrgym frozen plan 1"
 class PlanRecord(msgspec.Struct, frozen=True):
     """The plan and the study at the time of freezing.
 
-    ``plan`` and ``design``: texts of these files. ``texts``: the study's text files. ``plugins``: plug-ins of its
-    trials. Records of earlier versions have no ``texts`` and ``plugins``.
+    ``plan`` and ``design``: texts of these files. ``texts``: the study's text files. ``plugins``: plug-ins of the
+    study's trials. Records of earlier versions have no ``texts`` and ``plugins``.
     """
 
     format: str
@@ -70,7 +70,7 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
 
     Args:
         store: the study.
-        available_tests: the tests of its analysis.
+        available_tests: the tests of the study's analysis.
 
     Raises:
         DesignError: if the plan is invalid.
@@ -204,7 +204,7 @@ class FrozenPlan:
 
     @property
     def at(self) -> str:
-        """The known time of freezing as text, or ``UNKNOWN``."""
+        """The time since which the plan is known to exist, as text; ``UNKNOWN`` if there is none."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
         if self.stamp is not None and self.is_proven:

@@ -15,7 +15,7 @@ from avrgym.system.toml_lines import Place
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
 AvailableTests = Mapping[str, Sequence[str]]
-"""Tests of the study's analysis by name, each with its measures."""
+"""The measures of each test of the study's analysis, by the test's name."""
 NonEmptyText = Annotated[str, msgspec.Meta(min_length=1)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
 
@@ -42,8 +42,8 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The analysis plan of a study.
 
-    Tests of a hypothesis are confirmatory for its measures. Tests in ``exploratory`` are exploratory for all other
-    measures.
+    Tests of a hypothesis are confirmatory for the hypothesis' measures. Tests in ``exploratory`` are exploratory for
+    all other measures.
     """
 
     participants: int

@@ -74,7 +74,7 @@ def write_template(
 
 
 def template(design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
-    """Text of a plan for a design."""
+    """Text of ``plan.toml`` for a design, with these hypotheses."""
     return _TEXT.format(
         title=_toml(design.title),
         design=DESIGN,

@@ -27,7 +27,7 @@ NO_DATA_YET = "None: a plan can be frozen only before the first participant."
 
 
 def write_preregistration(store: Store, available_tests: AvailableTests, form: str) -> Path:
-    """Write a study's plan, frozen or not, as the fields of a form.
+    """Write a study's plan, frozen or not, as the fields of a form. Returns the file's path.
 
     Raises:
         DesignError: if the plan is invalid.
@@ -51,7 +51,7 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
 
 
 def write_draft(path: Path, text: str) -> Path:
-    """Write a new file. Raises ``StudyError`` if it exists with another text; it is not changed."""
+    """Write a new file, and return its path. Raises ``StudyError`` if the file exists with another text."""
     try:
         write_new(path, text)
     except FileExistsError:
@@ -61,7 +61,7 @@ def write_draft(path: Path, text: str) -> Path:
 
 
 def as_markdown(title: str, state: str, fields: Fields) -> str:
-    """Format fields by section and heading as Markdown."""
+    """Format fields as Markdown. ``state``: the paragraph after the title."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []
@@ -155,7 +155,7 @@ def _manipulated(design: Design) -> str:
 
 
 def _measures(design: Design, plan: Plan) -> str:
-    """The primary measures, as a list; items with their text."""
+    """The primary measures as a Markdown list. Items have their text and scale."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
     return bullet_list(_measure(design, name) for name in names)
 

@@ -1,4 +1,4 @@
-"""Evidence for the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
+"""Evidence for the date of a frozen plan: a time stamp (RFC 3161), or a registration that researchers claim.
 
 A time stamp contains the SHA-256 of ``plan-frozen.json`` and a time, signed by an authority. Verification needs no
 network. The authority is trusted if this computer has its root certificate.
@@ -31,7 +31,7 @@ _CERTIFICATES = 0xA0
 
 
 def sort_certificates(response: bytes) -> bytes:
-    """Sort the certificates in the response of a time stamping authority, as DER requires.
+    """The response of a time stamping authority with sorted certificates, as DER requires.
 
     Raises:
         IndexError: if the bytes are not such a response.

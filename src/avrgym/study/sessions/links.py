@@ -44,5 +44,5 @@ def _language(store: Store, participant: Participant) -> Language:
 
 
 def language_message(texts: Texts) -> Language:
-    """The message with the language of a participant and the texts of their page."""
+    """The message with a participant's language and the texts of the participant's page."""
     return Language(texts.language, texts.direction, dict(texts.page))

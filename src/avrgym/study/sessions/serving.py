@@ -37,14 +37,14 @@ RETRY_S = 5.0
 """Time in seconds after which a failed write of a session's end is repeated."""
 
 Action = Callable[[float], Future[None] | None]
-"""A function that runs in the loop's thread. If it returns a future, it completes with the future."""
+"""A function that runs in the loop's thread. If it returns a future, the action ends when the future is done."""
 
 
 class StudySessions:
     """Run at most one participant's session at a time.
 
     A session consists of questions before it, trials in VR, and questions after it. The loop's thread calls ``tick``.
-    Other threads may call ``begin``, ``withdraw`` and ``renew_link``; these return after completion.
+    Other threads may call ``begin``, ``withdraw`` and ``renew_link``; these methods return when the action has ended.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class StudySessions:
         self._request(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the running session; then store the withdrawal.
+        """Stop the robot and the recording of the running session. Then store the withdrawal and its reason.
 
         Raises:
             StudyError: if the participant has no running session here.
@@ -129,7 +129,7 @@ class StudySessions:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the simulation is at rest."""
+        """Whether the simulation is at rest; true without a VR session."""
         return self._session is None or self._session.at_rest
 
     def welcome(self, send: Send, role: Role, now_s: float) -> None:
@@ -210,7 +210,7 @@ class StudySessions:
         self._forget_participant()
 
     def _end_link(self) -> None:
-        """Invalidate the session's link. Its pages cannot join the next session."""
+        """Invalidate the session's link. Pages that used the link cannot join the next session."""
         self.links.end()
         self._forget_participant()
 
@@ -318,7 +318,7 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
 
 
 def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
-    """A phase that is not part of a trial."""
+    """The message about a phase that is not part of a trial."""
     text = Text(key)
     return Phase(
         name, texts.render(text), 0, 0, False, None, texts.render_for_page(text), texts.render_by_input(text)

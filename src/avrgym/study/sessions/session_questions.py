@@ -43,7 +43,7 @@ class SessionQuestions:
 
     @property
     def done(self) -> bool:
-        """Whether all items are answered or skipped."""
+        """Whether the questions are over: all are answered or skipped, or the session has ended."""
         return self._stored is None and (self._over or self.ended)
 
     @property
@@ -76,7 +76,7 @@ class SessionQuestions:
             self._skip_rest(ended=message.name == "end")
 
     def tick(self) -> None:
-        """Continue after the answer is stored. An invalid answer is requested again."""
+        """Continue when the last answer is stored. If the answer was invalid, ask its item again."""
         if self._stored is None or not self._stored.done():
             return
         error, given = self._stored.exception(), self._given
@@ -157,7 +157,7 @@ class SessionQuestions:
             self.tick()
 
     def _skip_rest(self, *, ended: bool) -> None:
-        """Skip the current and all following items."""
+        """Skip the current and all following items. ``ended``: the experimenter ended the session."""
         self._over, self._ended = True, ended
         if not self._questions.done:
             what = f"questions {self.when} left"

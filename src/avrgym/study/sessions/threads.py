@@ -15,7 +15,7 @@ class StorageThread(ThreadPoolExecutor):
     """A single thread that stores events in order.
 
     At the end of its context, waiting tasks are cancelled. A busy database therefore does not delay the end of a
-    program. Callers that need a result must wait for it before.
+    program. Callers that need a result must wait for it inside the context.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class StorageQueue:
         return self._thread.submit(store)
 
     def done(self) -> bool:
-        """Whether all tasks of ``submit_checked`` are stored. Raises the error of a failed task once."""
+        """Whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
         failures = [error for future in self._take_done() if (error := future.exception())]
         if failures:
             raise failures[0]

@@ -118,7 +118,7 @@ class StudyVisit:
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
     ) -> Session:
-        """Create the VR session of a plan, or of its first trials. It stores its events. Arguments: see ``Session``.
+        """Create the VR session of a plan. The session's events are stored. Arguments: see ``Session``.
 
         Raises:
             StudyError: if the robot of the first trial has no valid initial state.
@@ -158,7 +158,7 @@ class StudyVisit:
         return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """The unanswered items ``before_session`` or ``after_session``, in the participant's order and language."""
+        """The unanswered items of ``before_session`` or ``after_session``, in the participant's order and language."""
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
@@ -310,7 +310,7 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
 
 class EventStorage:
-    """Store the events of a VR session until another process ends it. Storage errors are raised."""
+    """Store the events of a VR session until another process ends the session. Storage errors are raised."""
 
     def __init__(
         self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
@@ -391,7 +391,7 @@ class EventStorage:
         record_session_event(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
-        """The running attempt, or the attempt that completed the trial with this number."""
+        """Id of the running attempt, or else of the attempt that completed the trial with this number."""
         if self._attempt is not None:
             return self._attempt.id
         trial = self._trials[number - 1]

@@ -27,7 +27,7 @@ from avrgym.study.storage.store import (
 ANSWER_CHANGED = "answer changed"
 """Name of the event of a changed answer; its detail contains the item and both values."""
 ANSWERED = "answered"
-"""Begins the name of the event of an answer about a session; the moment follows. Its detail is the item."""
+"""Event of an answer about a session: its name is this word and the moment, and its detail is the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
 """Names of events: a trial was completed with unanswered items; the experimenter skipped these items."""
 
@@ -36,7 +36,7 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store an answer to an item after a trial.
 
     Raises:
-        StudyError: for an invalid or second answer, or if neither the attempt is running nor its questionnaire open.
+        StudyError: for an invalid or second answer, or if the attempt is not running and has no open questionnaire.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -50,8 +50,8 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Replace the answer to an item. An event contains the earlier value.
 
     Raises:
-        StudyError: for an invalid answer, if the item was not answered, or if neither the attempt is running nor its
-            questionnaire was open.
+        StudyError: for an invalid answer, if the item was not answered, or if the attempt is not running and had no
+            open questionnaire.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -71,7 +71,7 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
-    """Store an answer to an item before or after a session. ``when`` is required if the item is in both.
+    """Store an answer to an item before or after a session. ``when``: required if both have the item.
 
     Raises:
         StudyError: for an invalid or second answer, or if the session is not open.
@@ -89,11 +89,12 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 def answer_moments(
     design: Design, answers: Iterable[GivenAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
-    """The moment (one of ``MOMENTS``) of each answer, by its id.
+    """The moment (one of ``MOMENTS``) of each answer, by the answer's id.
 
     Arguments must be in the order in which they were stored.
 
-    The event of an answer about a session contains its moment. Studies of earlier versions have no such events.
+    The event of an answer about a session contains the moment. Studies of earlier versions have no such events; the
+    moment is then taken from the design.
     """
     of_events: dict[tuple[int | None, str], list[str]] = {}
     for event in events:
@@ -177,7 +178,7 @@ def _only_moment(design: Design, item_id: str) -> str:
 
 
 def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
-    """All attempts that completed their trial and have unanswered items."""
+    """The attempts with an open questionnaire, as defined by ``has_open_questionnaire``."""
     with store.database.read() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
@@ -261,7 +262,7 @@ def _insert_answer(
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:
-    """Raise ``StudyError`` if the answer is not valid for any of the items."""
+    """Raise ``StudyError`` unless the answer is valid for one of the items."""
     try:
         validate_answer(items, answer.item, answer.value)
     except ValueError as error:

@@ -84,7 +84,7 @@ def begin_attempt(
 
 
 def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
-    """Complete an attempt and its trial after its recording was closed. Its questionnaire may still be open.
+    """Complete an attempt and its trial after the recording was closed. The questionnaire may still be open.
 
     Args:
         store: the study.
@@ -200,7 +200,7 @@ def _check_idle(connection: sa.Connection, session: StudySession) -> None:
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
-    """The path of an attempt's opened file, relative to the study."""
+    """The path of an attempt's opened file, relative to the study's folder."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
         raise StudyError(
@@ -210,7 +210,7 @@ def _name(store: Store, session: StudySession, recording: Path) -> str:
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
-    """The first free file name, starting with this attempt number."""
+    """The first free file name, with attempt number ``number`` or higher."""
     make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"

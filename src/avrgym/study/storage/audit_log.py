@@ -26,7 +26,7 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
 IDENTIFICATION_METHODS = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
 """How a person is identified: by a personal token, a shared token, or an account on the computer."""
 SHARED_TOKEN_NAME = "unnamed"
-"""Name of a person who uses a shared token."""
+"""Stored instead of the name of a person who uses a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
 """Commands whose detail is the name of an experimenter."""
 REFUSED = "refused"

@@ -194,7 +194,7 @@ class Database:
         self._wrote = not self.read_only
 
     def _store_integrity(self) -> None:
-        """Store the checksum of the file, the last head of the hash chain, and stored heads that the chain lacks."""
+        """Store the file's checksum and the last head of the hash chain. Keep stored heads that the chain lacks."""
         with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
             with suppress(IntegrityFileError):
                 ends = hash_chain.missing_heads(connection, self._integrity.heads() or ())

@@ -36,7 +36,7 @@ class Head:
     digest: str = ""
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
-        """The head after one more entry."""
+        """The head after one more entry: about the row ``key`` of a table, with the row's checksum ``content``."""
         return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
 
@@ -93,14 +93,14 @@ def append_entries(connection: sa.Connection) -> Head | None:
 
 
 def head(connection: sa.Connection) -> Head:
-    """The last entry of the hash chain."""
+    """Number and digest of the last entry in the hash chain."""
     last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
     row = connection.execute(last).first()
     return Head(*row) if row else Head()
 
 
 def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
-    """The ``known`` heads that are missing in the hash chain."""
+    """The heads in ``known`` that the hash chain does not contain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
     held = {number: digest for number, digest in connection.execute(later)} if known else {}
@@ -193,7 +193,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
-    """The rows of a table. The transaction can be used after an error."""
+    """The rows of a table. After an error, the transaction can still be used."""
     query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
         query = query.where(primary_key(table).in_(keys))

@@ -62,7 +62,7 @@ def to_bytes(file: IdentityFile) -> bytes:
 
 
 def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
-    """Encrypt identities as a new file. A missing key file is created."""
+    """Encrypt identities. Returns the contents of a new file. A missing key file is created."""
     key = load_key(folder, key_source, create=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
     file = IdentityFile(FORMAT, key_source, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
@@ -189,7 +189,7 @@ def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
 
 
 def create_if_missing(folder: Path) -> None:
-    """Create an empty identity file if there is none, with a known passphrase or else with a key file.
+    """Create an empty identity file if there is none. Its key is a known passphrase, or else a key file.
 
     Raises:
         StudyError: if the key cannot be created.

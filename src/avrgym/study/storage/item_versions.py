@@ -34,8 +34,9 @@ Items = tuple[Item, ...]
 class ItemVersion:
     """A version of an item.
 
-    ``item``: the item with the name of this version. ``base_name``: its name in the design. ``number``: number of the
-    version, from 1. ``texts``: its texts by language. ``answer_counts``: number of answers by participant.
+    ``item``: the item with the name of this version. ``base_name``: the item's name in the design. ``number``: number
+    of the version, from 1. ``texts``: the item with its texts in each language. ``answer_counts``: number of answers
+    by participant.
     """
 
     item: Item
@@ -55,7 +56,7 @@ class Form:
 
 @dataclass(frozen=True)
 class _QuestionnaireVersion:
-    """A version of a questionnaire. Only validated questionnaires have more than one."""
+    """A version of a questionnaire. Only validated questionnaires have more than one version."""
 
     content: Any
     texts: dict[str, Items] = field(default_factory=dict[str, Items])
@@ -134,7 +135,7 @@ def version_name(name: str, version: int) -> str:
 
 
 def base_name(name: str) -> str:
-    """Name in the design of an item version or questionnaire version."""
+    """The name that an item version or questionnaire version has in the design."""
     return name.partition(" (version ")[0]
 
 
@@ -181,7 +182,7 @@ UNKNOWN = "(neither the database nor a recording contains its text)"
 
 
 class AnsweredItems:
-    """The item version of each answer, for all participants or for some."""
+    """Find the item version of each answer, for all participants or for some."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
@@ -290,7 +291,7 @@ class _ParticipantItems:
         return self._by_attempt[attempt]
 
     def _recorded(self, attempt: TrialAttempt) -> Design:
-        """The current design, with the fields that the attempt's recording contains."""
+        """The current design, with the values that the attempt's recording contains."""
         design = self._store.design
         translate = translator(self._store, self._participant.language or design.languages[0], None)
         configuration = read_header(self._store.path(attempt.recording)).configuration

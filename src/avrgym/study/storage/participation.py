@@ -170,7 +170,7 @@ class ParticipationList:
             signing.store_last_entry(self._folder, known.list_id, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
-        """Erase the contents of all entries about a participant except the last.
+        """Erase the contents of all entries about a participant except the last entry.
 
         Checksums and digests are not changed.
         """

@@ -98,7 +98,7 @@ def _append(
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Whether a content differs from the latest one and may replace it. Final states are never replaced."""
+    """Whether a content differs from the latest one of the participant and may replace it. Final states stay."""
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL_STATES and content["state"] not in FINAL_STATES:
         return False
@@ -158,7 +158,7 @@ def _all(
 class Differences:
     """Differences between participation list and database when a study is opened.
 
-    ``begin``: the reason to start a new list, if any. ``restored``: final states that only the list contains, by
+    ``begin``: why a new list is started; ``None`` if not. ``restored``: final states that only the list contains, by
     participant number. ``missing``: states of participants that only the database contains, by participant number.
     ``set_back``: the list is an older copy; it lacks the last entry that this computer stored. ``is_unsigned``: the
     list matches the database, but this user has not signed it.

@@ -255,7 +255,7 @@ class ParticipantLink:
 
 @dataclass(frozen=True)
 class Site:
-    """A merged site: its study, and the head of its hash chain at the latest merge."""
+    """A merged site: number, name, and the head of its hash chain (``entries``, ``digest``) at the latest merge."""
 
     number: int
     name: str

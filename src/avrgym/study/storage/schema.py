@@ -1,4 +1,4 @@
-"""The tables of a study's database. A new database is created from them. Times are in ISO 8601, UTC."""
+"""The tables of a study's database. A new database is created from these definitions. Times are in ISO 8601, UTC."""
 
 from datetime import UTC, datetime
 from secrets import token_hex
@@ -106,7 +106,7 @@ DESIGN = Table(
 )
 """The design at the start of a session; without a session, at the admission of a participant.
 
-``wordings`` contains the texts that participants read in each language, see ``design.fixed``.
+``wordings`` contains the texts that participants read in each language, see ``design.comparison``.
 """
 
 TRIAL = Table(

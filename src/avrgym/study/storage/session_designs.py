@@ -57,7 +57,7 @@ def design_as_recorded(
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """The design's questionnaires, with the recorded items after the trial."""
+    """The design's questionnaires, with the items that were asked after the trial."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):
@@ -196,7 +196,7 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
-    """Whether the merge accepted differences between sites, and ``own`` includes every session of its sites."""
+    """Whether the merge accepted differences between sites, and ``own`` contains all sessions of its sites."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]

@@ -102,7 +102,7 @@ def last_entry(folder: Path) -> LastEntry | None:
 
 
 def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
-    """The stored last entry of a list, if its folder does not exist because the study was moved."""
+    """The stored last entry of a list, if the study's folder was moved; otherwise ``None``."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

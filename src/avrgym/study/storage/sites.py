@@ -13,7 +13,7 @@ from avrgym.study.storage.store import find_all
 
 PEOPLE_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
 SITE_DIFFERS = "site differs"
-"""Name of the event that a different study was merged; its detail is the difference."""
+"""Name of the event that studies with a difference were merged; its detail is the difference."""
 RECORDING_LEFT_OUT = "recording left out"
 """Name of the event that a damaged or missing recording was omitted; its detail is the reason."""
 

@@ -36,7 +36,7 @@ TRANSITIONS: Mapping[str, Transitions] = {
 """Allowed next states of each state, by table."""
 
 PARTICIPATING = ("allocated", "completed")
-"""States of participants who are counted in their cell."""
+"""States of participants who are counted in their cell of the design."""
 
 
 class StudyError(RuntimeError):

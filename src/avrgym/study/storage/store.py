@@ -68,7 +68,7 @@ TABLES: Mapping[type, sa.Table] = {
 
 
 def create_study(folder: Path) -> Path:
-    """Write ``study.toml`` with the paper's protocol into a folder. A missing folder is created.
+    """Write ``study.toml`` with the paper's protocol into a folder. Returns its path. A missing folder is created.
 
     Raises:
         StudyError: if the folder contains a study; nothing is changed then.
@@ -143,7 +143,7 @@ class Store:
     def path(self, relative: str) -> Path:
         """Absolute path of a file in the study.
 
-        Raises ``StudyError`` if it, or the target of a link, is outside the folder.
+        Raises ``StudyError`` if the path, or the target of a symbolic link, is outside the study's folder.
         """
         path = self.folder / relative
         if not path.resolve().is_relative_to(self.folder):
@@ -252,7 +252,7 @@ class Store:
     def _check_protocol(self) -> None:
         """Store the fields that determine the orders of trials.
 
-        Raises ``StudyError`` if they changed after the first allocation.
+        Raises ``StudyError`` if these fields changed after the first allocation.
         """
         protocol = self.design.protocol()
         with self.database.read() as connection:
@@ -316,7 +316,7 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 
 
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
-    """The trial at a position, of the session's participant."""
+    """The trial at a position in the order of the session's participant."""
     own = {"participant": session.participant, "position": position}
     return find(connection, Trial, f"trial {position}", **own)
 
@@ -374,7 +374,7 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
-    """Store an event. ``subject``: participant, session and attempt that it concerns."""
+    """Store an event. ``subject``: participant, session and attempt that the event concerns."""
     hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
 
 

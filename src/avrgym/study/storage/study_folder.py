@@ -1,4 +1,4 @@
-"""Find data about participants outside the database, in a study's folder."""
+"""Find data about participants in a study's folder, outside the database."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Run by Alembic within the transaction of a given connection."""
+"""Alembic runs this file in the transaction of a given connection."""
 
 from alembic import context
 

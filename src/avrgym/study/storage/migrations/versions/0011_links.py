@@ -1,4 +1,4 @@
-"""Tables added after 0.2.0; each participant's consent becomes the first row of the consent table.
+"""Add the tables that 0.2.0 lacks, and copy each participant's consent into the consent table.
 
 Development versions between 0.2.0 and this revision have some of the tables already.
 """
