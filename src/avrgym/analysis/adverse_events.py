@@ -1,4 +1,4 @@
-"""Section of the report about adverse events of people, by condition, with the safety measures of the robots."""
+"""Report section about adverse events: events of people by condition, and safety measures of the robots."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from avrgym.analysis.study import Analysis
 from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERITIES, SOURCES
 
 Condition = tuple[str | None, str | None]
-"""Robot and policy; empty for practice and for events outside trials."""
+"""Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE`` for events outside trials."""
 PRACTICE, OUTSIDE = ("practice", None), (None, None)
 NONE = "No adverse events were recorded."
 REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
@@ -20,7 +20,7 @@ SAFETY_NOTE = (
 
 
 def adverse_events_section(analysis: Analysis) -> Markup:
-    """Adverse events of people, including people who withdrew."""
+    """Return the report section; it includes people who withdrew."""
     events = latest_reports(analysis)
     shown = [_by_condition(analysis, events)] if events else []
     return tag(
@@ -35,12 +35,12 @@ def adverse_events_section(analysis: Analysis) -> Markup:
 
 
 def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
-    """The latest report of each adverse event in the study."""
+    """Return the latest report of each adverse event in the study."""
     return list({row["event"]: row for row in analysis.adverse_events}.values())
 
 
 def describe_adverse_events(analysis: Analysis) -> str:
-    """Sentences for the methods: numbers of adverse events, of affected people and of missing reports."""
+    """Return sentences for the methods section: number of events, number of affected people, and lost reports."""
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """The conditions of the trials in their order, then practice (if any), then events outside trials."""
+    """Return the conditions of ``trials``, sorted; then ``PRACTICE`` if there was practice, then ``OUTSIDE``."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE]

@@ -1,4 +1,4 @@
-"""Compare the designs of the participants: versions of items, differences and descriptions."""
+"""Study designs that differ between participants: versions of items, list of differences, and descriptions."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _ITEMS = TABLES["items"]
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """A version of an item, and its answers by people or by simulated participants."""
+    """One version of an item, with the number of its answers from people or from simulated participants."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -38,7 +38,7 @@ class ItemRow:
 
 
 def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
-    """A row for each version of an item, separately for people and simulated participants; ordered by item."""
+    """Return a row for each version of each item, separately for people and simulated participants."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {
         item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
@@ -75,13 +75,13 @@ DIFFERENCES_NOTICE = (
 
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
-    """A notice that designs differ; empty without differences."""
+    """Return a notice that designs differ; empty if no difference is an error."""
     has_errors = any(each.is_error for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
-    """Each difference with its participants and trials, and all items with several versions."""
+    """Return the report section: each difference, and all items with several versions. Empty without differences."""
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
@@ -107,7 +107,10 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
 def describe_by_design(
     session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
 ) -> str:
-    """Describe each design in ``session_designs`` with ``words``; without participants, describe ``design``."""
+    """Return a description of each design, with its trials if descriptions differ.
+
+    ``words``: function that describes a design. If ``session_designs`` is empty, ``design`` is described.
+    """
     groups: dict[str, list[SessionDesign]] = {}
     for use in session_designs:
         groups.setdefault(words(use.design), []).append(use)

@@ -12,7 +12,7 @@ from avrgym.analysis.study import Analysis
 
 
 def draw_figures(analysis: Analysis) -> list[Drawing]:
-    """All figures for which there are data: people first, then simulated participants."""
+    """Draw all figures that have data. Within each kind of figure, people come before simulated participants."""
     drawings: list[Drawing] = []
     for simulated in sorted({row.simulated for row in analysis.objective}):
         drawings += [

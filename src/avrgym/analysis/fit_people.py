@@ -1,13 +1,14 @@
 """Fit a training population to the participants of a study.
 
-The result is a file of people (see ``people.people_file``) with torso heights, poses in each task, and cooperation.
+The result is a TOML file (see ``people.people_file``): torso heights, poses in each task, and cooperation.
 For n participants with values from a to b, the range is:
 
     low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
-This range covers all participants. For a uniform distribution, its expected limits are the distribution's limits:
-the extremes of n values lie on average W / (n + 1) inside a range of width W, and their distance is on average
-W (n - 1) / (n + 1) (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
+This range covers all participants. If the values are uniformly distributed over a width W, the expected values of
+``low`` and ``high`` are the ends of the distribution. The smallest and the largest of n values are on average
+W / (n + 1) away from these ends, and W (n - 1) / (n + 1) away from each other (David and Nagaraja, *Order Statistics*,
+3rd ed., 2003, chapter 2).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,26 +31,26 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
-"""Waist, head and right arm: the joints that tasks vary. The left arm has the task's pose."""
+"""Joints with fitted ranges: waist, head and right arm. The left arm keeps the pose of the task."""
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
     "nothing": [],
 }
-"""Joints with which a person brings the mouth, the arm or nothing to the tool."""
+"""Joint indices by the body part that a person moves to the tool: mouth, arm or nothing."""
 MIN_VOLUNTARY_MOTION_DEG = 5.0
-"""Threshold of voluntary motion; the postural sway of a sitting person is smaller."""
+"""Joint motion above this threshold is voluntary. The postural sway of a sitting person is smaller."""
 START_DURATION_S = 1.0
 RECOMMENDED_PARTICIPANTS = 8
-"""Number of participants in the paper; with fewer participants, the file contains a warning."""
+"""Number of participants in the paper. With fewer participants, the file contains a warning."""
 
 
 @dataclass(frozen=True)
 class TrialPose:
-    """Torso height and joint targets (20,) in degrees of one completed trial.
+    """Torso height, and joint angles (20,) of the person in degrees, in one completed trial.
 
     ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
-    ``largest_motion_deg``: the largest motion (maximum − minimum) of a joint that can bring mouth or arm to the tool.
+    ``largest_motion_deg``: the largest motion (maximum − minimum) among the ``REACHING_JOINTS`` of the task.
     """
 
     participant: str
@@ -63,7 +64,7 @@ class TrialPose:
 
 @dataclass(frozen=True)
 class FittedPeople:
-    """The people fitted to a study, remarks about the fit, and the omitted recordings with reasons."""
+    """The fitted population, remarks about the fit, and error messages of omitted recordings (``left_out``)."""
 
     people: PeopleFile
     remarks: str
@@ -73,15 +74,15 @@ class FittedPeople:
 def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
     """Fit a training population to the participants with completed trials.
 
-    Simulated participants are used only if no people took part. Missing, damaged or modified recordings are omitted.
-    Trials with more tracking loss than the design allows are omitted too.
+    Simulated participants are used only if no people took part. Missing, damaged or modified recordings are omitted,
+    and trials with more tracking loss than the design allows.
 
     Args:
-        folder: the study.
+        folder: the study's folder.
         progress: called after each recording with the number of recordings read and their total number.
 
     Raises:
-        StudyError: without a study, or with fewer than two participants with completed trials.
+        StudyError: if the folder contains no study, or fewer than two participants have usable trials.
     """
     with Store(folder) as store:
         attempts = [each for each in completed_attempts(store) if not each.trial.practice]
@@ -101,14 +102,14 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
 
 
 def write_people(fit: FittedPeople, out: Path) -> None:
-    """Write the people into a new TOML file. Raises ``FileExistsError`` if ``out`` exists."""
+    """Write the fitted population to the new TOML file ``out``. Raises ``FileExistsError`` if ``out`` exists."""
     if out.exists():
         raise FileExistsError(f"{out} exists already; choose another name")
     write_atomically(out, _toml_text(fit).encode())
 
 
 def _toml_text(fit: FittedPeople) -> str:
-    """The fit as TOML, with the remarks as comments at the top."""
+    """Return the fit as TOML, with the remarks as comments at the top."""
     document = tomlkit.document()
     for line in fit.remarks.splitlines():
         document.add(tomlkit.comment(line))
@@ -118,7 +119,7 @@ def _toml_text(fit: FittedPeople) -> str:
 
 
 def covering_range(values: Sequence[float], limits: Range) -> Range:
-    """The covering range (see the module) of two or more values, limited to ``limits``."""
+    """Return the covering range (see the module docstring) of two or more values, clipped to ``limits``."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
     return max(low - margin, limits[0]), min(high + margin, limits[1])
@@ -130,7 +131,7 @@ def covering_range(values: Sequence[float], limits: Range) -> Range:
 def _read_poses(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[TrialPose], list[str]]:
-    """The poses of all usable recordings, and an error message for each other recording."""
+    """Return the poses in all usable recordings, and an error message for each unusable recording."""
     trials: list[TrialPose] = []
     left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
@@ -143,7 +144,7 @@ def _read_poses(
 
 
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
-    """The pose in a recording. Raises ``StudyError`` with the recording's name if it is unusable."""
+    """Return the pose in a recording. If the recording is unusable, raises ``StudyError`` with its name."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
@@ -169,9 +170,9 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
+    """Return times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
 
-    The last time is the end of the motion.
+    The last time is the end of the robot's motion.
     """
     events, control = recording.topics["/events"], recording.topics["/control"]
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
@@ -186,7 +187,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """Time average (20,) of values (n, 20) until ``until_s``; value i is valid from time i to time i + 1."""
+    """Return the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i holds from time i to time i + 1."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
@@ -209,7 +210,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
 
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
-    """Each participant's mean."""
+    """Return the mean of each participant's values. ``values``: pairs of participant and value."""
     values_by_participant: dict[str, list[float]] = {}
     for participant, value in values:
         values_by_participant.setdefault(participant, []).append(value)
@@ -217,9 +218,9 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
-    """The range of torso heights of one sex.
+    """Return the range of torso heights of one sex in metres.
 
-    With fewer than two participants of this sex, all participants are used.
+    If fewer than two participants have this sex, the range is that of all participants.
     """
     own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _participant_means((t.participant, t.torso_height_m) for t in trials)
@@ -228,9 +229,9 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
 
 
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
-    """The range of each joint in degrees; empty for fewer than two participants.
+    """Return the range of each joint in degrees; empty if there are fewer than two participants.
 
-    If people move (``moving``), poses are from the beginning of the trials, otherwise from whole trials.
+    If people move in trials (``moving``), joint angles are means of the beginning, otherwise of whole trials.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
@@ -261,7 +262,7 @@ def _remarks(source: Source) -> str:
 
 
 def _small_sample_text(count: int) -> str:
-    """The limitation of a small sample: its extremes cover on average a share (n - 1) / (n + 1) of the population."""
+    """Return a warning about a small sample: its range covers on average (n - 1) / (n + 1) of the population."""
     share = (count - 1) / (count + 1)
     return (
         f"Only {count} participants: on average, {share:.0%} of other people are within their extremes. "

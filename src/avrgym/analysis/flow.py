@@ -1,4 +1,4 @@
-"""Flow of participants through a study: numbers and chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
+"""Participant flow through a study: numbers and flow chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,22 +21,23 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 WITHDRAWAL_EVENT = "participant withdrawn"
-"""Name of a withdrawal's study event; the event's detail is the reason."""
+"""Name of the study event for a withdrawal. The event's ``detail`` is the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantFlow:
     """Numbers of people, or of simulated participants, at each step of a study.
 
-    ``enrolled`` includes participants with ``deleted`` data. ``analysed``: participants with counted trials or answers.
-    ``analysed_unfinished``: analysed participants who have not completed the study. ``completed_without_data``: the
-    reverse, without counted data. ``exclusion_answers``: number of exclusions by answer to an inclusion question.
-    ``withdrawal_reasons`` and ``withdrawal_reasons_before_allocation``: number of withdrawals by reason.
+    ``enrolled`` includes the ``deleted`` participants, whose data were deleted. ``analysed``: participants with counted
+    trials or answers. ``analysed_unfinished``: analysed participants who have not completed the study.
+    ``completed_without_data``: participants who completed the study but have no counted trial or answer.
+    ``exclusion_answers``: number of exclusions by answer to an inclusion question. ``withdrawal_reasons`` and
+    ``withdrawal_reasons_before_allocation``: number of withdrawals by reason.
 
-    ``orders``: number of participants by order of trials. ``consents``: number by accepted version of the consent text,
-    the latest of each participant. ``reconsented``: number with consent to a later version. ``declined``: number with a
-    refusal. ``first_day`` and ``last_day``: days of the first and last session (ISO 8601). If the database was
-    lost, consents or withdrawals are lost too: ``consent_unknown`` and ``withdrawal_unknown`` participants.
+    ``orders``: number of participants by order of trials. ``consents``: number of participants by the latest consent
+    version that they accepted. ``reconsented``: participants who gave consent again. ``declined``: participants who
+    declined consent. ``consent_unknown`` and ``withdrawal_unknown``: participants whose consent or withdrawal was lost
+    with the database. ``first_day`` and ``last_day``: days of the first and last session (ISO 8601).
     """
 
     simulated: bool
@@ -67,7 +68,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
-    """The flow of people, then of simulated participants. Empty groups are omitted."""
+    """Return the flow of people, then the flow of simulated participants. A group without participants is omitted."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)
@@ -116,7 +117,7 @@ def _flow(
 
 
 def _excluding(design: Design, participant: Participant) -> Iterator[str]:
-    """The participant's answers to inclusion questions that led to exclusion."""
+    """Yield the answers to inclusion questions that excluded the participant."""
     if participant.state != "excluded":
         return
     questions = {question.id: question for question in design.inclusion}
@@ -127,7 +128,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """The stored reason of each withdrawal."""
+    """Return the stored reason for the withdrawal of each withdrawn participant."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -138,14 +139,14 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 
 BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
-"""Widths of step boxes and of drop-out boxes, space between boxes, and line height."""
+"""Width of boxes for steps, width of boxes for dropouts, space between boxes, and line height."""
 CHARACTERS_PER_LINE = 42
 """Number of characters that fit in a line of a box."""
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Each step with its number, and the numbers of participants who left after it."""
+    """Return each step with its number of participants, and the reasons for leaving after it, with numbers."""
     before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -181,7 +182,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _reasons_text(reasons: Mapping[str, int]) -> str:
-    """Each reason with its number of participants, in brackets; empty without reasons."""
+    """Return each reason and its number of participants, in brackets; empty without reasons."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 
@@ -190,7 +191,7 @@ def _some(left: dict[str, int]) -> list[str]:
 
 
 def flow_chart(flow: ParticipantFlow) -> Drawing:
-    """The flow as a figure, marked as simulated for simulated participants."""
+    """Draw the flow chart. The chart of simulated participants is marked as simulated."""
     width_in, shown = BOX_WIDTH_IN + DROPOUT_BOX_WIDTH_IN + 3 * GAP_IN, flow_steps(flow)
     boxes = [_box_height(_lines([words])) for words, _ in shown]
     beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
@@ -225,7 +226,7 @@ def _lines(texts: Sequence[str]) -> list[str]:
 
 
 def _box_height(lines: Sequence[str]) -> float:
-    """The height of a box with these lines."""
+    """Return the height of a box with these lines of text, in inches."""
     return LINE_HEIGHT_IN * (len(lines) + 1)
 
 

@@ -1,4 +1,4 @@
-"""Latency from a tracked pose to its picture: rows and section of the report."""
+"""Latency from a tracked pose to the displayed picture: table rows and report section."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from avrgym.system.columns import Column
 from avrgym.vr.latency import STAGE_LABELS, TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
-"""The client's measurements during trials, by pseudonym and trial position."""
+"""Latency measurements of each trial, by pseudonym and trial position."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow:
-    """Duration of one stage between tracked pose and picture, in counted trials."""
+    """Duration of one stage between tracked pose and displayed picture, in counted trials."""
 
     participant: Annotated[
         str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
@@ -31,7 +31,10 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """Latency of all people and of each person, then of simulated participants; only where it was measured."""
+    """Return rows for all people together, then for each person; then the same for simulated participants.
+
+    Trials without latency measurements are omitted.
+    """
     rows: list[LatencyRow] = []
     for simulated in (False, True):
         told = {
@@ -58,7 +61,7 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 
 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
-    """The total latency over all people, or over all simulated participants; ``None`` without measurements."""
+    """Return the row with the total latency of all people, or of all simulated participants; ``None`` without one."""
     return next(
         (
             row
@@ -79,7 +82,7 @@ LATENCY_METHOD = (
 
 
 def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
-    """Latency by stage, and the participant with the largest latency; empty without measurements."""
+    """Return the report section: latency by stage, and the largest latency of a participant. Empty without rows."""
     rows = [row for row in latencies if row.simulated is simulated]
     if not rows:
         return Markup()

@@ -1,4 +1,4 @@
-"""The log of a study: number of entries, people, and interim looks at results."""
+"""The access log of a study: number of entries, people, and interim looks at results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from avrgym.study.storage.store import Store
 
 @dataclass(frozen=True)
 class StudyLog:
-    """Number of log entries, times of the first and last entry, and descriptions of the people in the log.
+    """Summary of a study's log: number of entries, people, and times of the first and last entry.
 
-    ``interim_looks``: descriptions of the views of results before the planned number of participants had completed.
+    ``interim_looks``: descriptions of views of results before the planned number of participants completed the study.
     """
 
     entries: int
@@ -24,7 +24,7 @@ class StudyLog:
 
 
 def study_log(store: Store) -> StudyLog:
-    """Summarise the log of a study."""
+    """Return a summary of a study's log. Views of results after the planned end are not counted."""
     sites = site_names(store)
     own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
     return StudyLog(
@@ -40,7 +40,7 @@ ENTRIES_LOST = "The database was rebuilt from the recordings: entries from befor
 
 
 def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
-    """Number of log entries, and interim looks at results. ``rebuilt_at``: time of the database's rebuild, if any."""
+    """Return the report section. ``rebuilt_at``: time at which the database was rebuilt; ``None`` if it was not."""
     lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
     return tag(
         "section",

@@ -26,14 +26,14 @@ def check_output_folder(out: Path) -> None:
 
 
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
-    """Write report, tables, figures and results into the folder ``out``, and return the report's path.
+    """Write report, tables, figures and results into the folder ``out``. Returns the path of the report.
 
-    Files of an earlier analysis are replaced; other files are not changed. Only their owner can read the new files. The
-    report contains links to ``study``, the study's folder.
+    Files of an earlier analysis are replaced or removed; other files are not changed. Only the owner can read the new
+    files. ``study``: the study's folder; the report contains links to it.
 
     Raises:
-        StudyError: if the folder contains files with the same names that are not from an analysis.
-        OSError: if the folder cannot be written.
+        StudyError: if ``out`` contains files with the same names that are not from an analysis.
+        OSError: if ``out`` cannot be written.
     """
     check_output_folder(out)
     make_private_folder(out)
@@ -49,7 +49,7 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
 
 
 def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
-    """Write all files except the results into a new folder."""
+    """Write all files except the results into the new folder ``made``."""
     for folder in ("report", "tables", "figures"):
         (made / folder).mkdir()
     for table in analysis.tables():
@@ -62,7 +62,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
 
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
-    """Move the new files to ``out``, the results last, and remove other files of an earlier analysis."""
+    """Move the new files from ``made`` to ``out``, the results last. Remove all other files of an earlier analysis."""
     remove_files(out, set(previous_files(out) or ()) - set(files))
     for folder in FOLDERS:
         make_private_folder(out / folder)

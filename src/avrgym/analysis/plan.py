@@ -1,4 +1,4 @@
-"""The frozen plan in the analysis: tests that a plan can name, status of results, and deviations."""
+"""The frozen analysis plan: tests that a plan can name, plan status of results, and deviations from the plan."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,11 +35,11 @@ from avrgym.study.storage.store import Store
 
 BOTH_UNITS = (TRIAL, PARTICIPANT)
 Expected = tuple[str, list[str], Question]
-"""The text of a hypothesis, its quantities, and the question of their tests."""
+"""A suggested hypothesis: its text, its quantities, and the question of its tests."""
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of tests that every plan must name, each with its quantities."""
+    """Return the families of tests that every plan must name, each with its quantities."""
     return {
         question.family_name(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
@@ -48,17 +48,20 @@ def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Tests of objective measures and of model effects. They are exploratory unless a plan names them."""
+    """Return the families of tests that a plan may name but need not, each with its quantities.
+
+    They test objective measures and model effects. They are exploratory unless a plan names them.
+    """
     return outcome_tests(design) | model_tests(design)
 
 
 def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """All tests that a plan can name, required and optional."""
+    """Return all families of tests that a plan can name, required and optional, each with its quantities."""
     return required_tests(design) | optional_tests(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
-    """Each question, its units of analysis and its quantities."""
+    """Yield each question of the required tests, its units of analysis and its quantities."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated[:1]:
         yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
@@ -91,7 +94,7 @@ def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Seq
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
-    """The paper's hypotheses for this design, tested by participant, as a template for a plan."""
+    """Return the paper's hypotheses for this design as a template for a plan. Their tests are by participant."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
@@ -124,10 +127,11 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
 
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """The frozen plan of a study and the deviations from it; ``plan`` is ``None`` if its contents are unknown.
+    """The frozen plan of a study, and the deviations from it. ``plan``: ``None`` if its contents are unknown.
 
-    ``origin_text``: a description of its date. ``is_confirmatory``: the plan is certainly older than the first
-    participant. ``sha256``: checksum of the plan. ``record_sha256``: checksum of the frozen record.
+    ``at``: time of freezing. ``origin_text``: description of the plan's date. ``is_confirmatory``: the plan is
+    certainly older than the first participant. ``sha256``: checksum of ``plan.toml``. ``record_sha256``: checksum of
+    the frozen record.
     """
 
     at: str
@@ -165,7 +169,7 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
 
 
 def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
-    """The families, with the plan status of each test. Optional tests outside the plan are exploratory."""
+    """Return the families with the plan status of each test. Optional tests outside the plan are exploratory."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:
@@ -196,7 +200,7 @@ NO_PLAN = (
 
 
 def plan_section(plan: FrozenPlan | None) -> Markup:
-    """The plan and the deviations from it; empty without a frozen plan."""
+    """Return the report section about the plan and the deviations from it; empty without a frozen plan."""
     if plan is None:
         return Markup()
     parts = (_frozen_text(plan), _deviations(plan))
@@ -237,7 +241,7 @@ def _deviations(frozen: FrozenPlan) -> Markup:
 def confirmatory_section(
     plan: Plan | None, tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> Markup:
-    """The tests of the plan's hypotheses, for people or for simulated participants; empty without a plan."""
+    """Return the report section with the tests of the plan's hypotheses in one group; empty without a plan."""
     if plan is None:
         return Markup()
     shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]

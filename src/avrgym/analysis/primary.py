@@ -1,8 +1,8 @@
-"""Select the primary results of a study, and correct them for multiple testing.
+"""Select the primary results of a study, and correct their p values for multiple testing.
 
-Without a plan, the primary results are tests by participant: differences between policies in each answer, score and
-objective measure, the first answer against the midpoint of its scale, and changes over sessions. With a plan, they are
-the tests of its hypotheses. All other results are descriptive and have no stars.
+Without a plan, the primary results are these tests by participant: differences between policies in each answer, score
+and objective measure; the first answer against the midpoint of its scale; and changes over sessions. With a plan, the
+primary results are the tests of its hypotheses. All other results are descriptive and have no stars.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,12 +40,12 @@ from avrgym.analysis.statistics.tests import holm, significance_stars
 from avrgym.study.plan.plan import Plan
 
 Place = tuple[int, int]
-"""Index of a family, and index of a row in it."""
+"""Position of a test: index of the family, and index of the row in the family."""
 
 
 @dataclass(frozen=True)
 class ResultsWithRoles:
-    """Tests and model effects with their roles. Primary results have corrected p and stars."""
+    """Tests and model effects with roles. Primary results also have corrected p and stars."""
 
     families: list[Family]
     models: list[ModelRow]
@@ -54,12 +54,12 @@ class ResultsWithRoles:
 def assign_roles(
     families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
-    """Assign a role to every test and model effect. People and simulated participants are corrected separately.
+    """Return every test and model effect with its role. People and simulated participants are corrected separately.
 
     Args:
-        families: the tests.
+        families: the families of tests.
         models: the model effects.
-        plan: a plan whose tests are confirmatory; ``None`` without such a plan.
+        plan: the confirmatory plan; ``None`` if there is none.
     """
     roles = {
         (at, place): _role_of_test(family, row, plan)
@@ -96,7 +96,7 @@ def assign_roles(
 
 
 def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
-    """The role of a test. If a hypothesis names a test by trial, the test by participant is primary."""
+    """Return the role of a test. If a hypothesis names a test by trial, the same test by participant is primary."""
     if row.unit == TRIAL:
         return SUPPLEMENT
     if plan is None:
@@ -112,7 +112,7 @@ def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
 
 
 Tested = tuple[float | None, Mapping[str, float]]
-"""p of a test; if the test is paired, also the difference of each participant."""
+"""p of a test, and the difference of each participant. For unpaired tests, the differences are empty."""
 
 
 def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
@@ -121,10 +121,10 @@ def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
 
 
 def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
-    """Corrected p of the tests, then of the model effects.
+    """Return corrected p of the tests, then of the model effects.
 
-    Paired tests get the sign-flip permutation correction, all other results Holm's. If there are both kinds, each p is
-    doubled (Bonferroni).
+    Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are both kinds,
+    each p is doubled (Bonferroni).
     """
     paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
     others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
@@ -178,7 +178,7 @@ OTHER_RESULTS = (
 def primary_section(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
 ) -> Markup:
-    """The primary results of people or of simulated participants; empty if there are none."""
+    """Return the report section with the primary results of one group; empty if there are none."""
     rows = primary_rows(tests, models, simulated)
     if not rows:
         return Markup()
@@ -197,7 +197,7 @@ def primary_section(
 def primary_rows(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> list[tuple[object, ...]]:
-    """The cells in the table of primary results."""
+    """Return the rows of the table of primary results."""
     own_tests, own_models = _primary_of_group(tests, models, simulated)
     return [*map(_test_cells, own_tests), *map(_model_cells, own_models)]
 
@@ -228,7 +228,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 
 
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
-    """Notes about tests of few participants."""
+    """Yield notes about tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."

@@ -1,4 +1,4 @@
-"""The report of a study: first people, then simulated participants, with a section for each topic."""
+"""The report of a study: results of people, then of simulated participants, with a section for each topic."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,9 +54,9 @@ TITLES = {False: "People", True: "Simulated participants"}
 
 
 def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
-    """Write the report as a page. Equal analyses result in equal bytes.
+    """Write the report as an HTML page. Equal analyses result in equal bytes.
 
-    ``study_link``: the link to the study's folder.
+    ``study_link``: relative link to the study's folder.
     """
     groups = sorted({row.simulated for row in analysis.observed.participants})
     header = [
@@ -210,7 +210,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """Facts about the study that a publication needs and the data do not contain."""
+    """Return the section with facts that a publication needs and that results do not contain."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -256,7 +256,7 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """A problem with all its places; many places are folded."""
+    """Return one problem with all its places. Several places are in a folded list."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

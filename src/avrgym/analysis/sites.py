@@ -1,4 +1,4 @@
-"""Results of each site, in studies with several sites. They are descriptive, without tests."""
+"""Results of each site in studies with several sites. They are descriptive and not tested."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -42,14 +42,14 @@ SiteName = Annotated[str, Column("Site of the participants, or `no site`.")]
 
 @dataclass(frozen=True, kw_only=True)
 class SiteOutcomeRow(Outcome):
-    """Results of the counted trials of a condition at one site."""
+    """Results of the counted trials in one condition at one site."""
 
     site: SiteName
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteEffectRow:
-    """An effect size at one site; each participant gives one value. See ``ComparisonRow``."""
+    """An effect size at one site. Each participant gives one value. Columns are those of ``ComparisonRow``."""
 
     simulated: IsSimulated
     site: SiteName
@@ -67,11 +67,11 @@ class SiteEffectRow:
 
 
 NO_SITE = "no site"
-"""Label of participants without a site."""
+"""Site name of participants without a site."""
 
 
 def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
-    """Results of each condition at each site; empty for a single site."""
+    """Return the results of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
         own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
@@ -84,7 +84,7 @@ def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOu
 def site_effect_rows(
     design: Design, trials: Sequence[TrialRow], answers: Sequence[AnswerRow], scores: Sequence[ScoreRow]
 ) -> list[SiteEffectRow]:
-    """Effect sizes of answers and scores at each site; empty for a single site."""
+    """Return effect sizes of answers and scores at each site; empty for a single site."""
     rows: list[SiteEffectRow] = []
     for simulated, site in _sites(trials):
         given = [row for row in answers if row.simulated is simulated and site_of(row) == site]
@@ -101,12 +101,12 @@ def site_effect_rows(
 
 
 def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
-    """The name of the row's site, or ``NO_SITE``."""
+    """Return the name of the row's site, or ``NO_SITE``."""
     return row.site or NO_SITE
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
-    """Whether simulated, and name of the site: every site if there are several, otherwise empty."""
+    """Yield (simulated, site name) for each site of a group with several sites; nothing for a single site."""
     for simulated in (False, True):
         sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
@@ -144,7 +144,7 @@ def sites_section(
     effects: Sequence[SiteEffectRow],
     simulated: bool,
 ) -> Markup:
-    """Participants, results and effect sizes of each site; empty for a single site."""
+    """Return the report section: participants, results and effect sizes of each site. Empty for a single site."""
     if not any(row.simulated is simulated for row in outcomes):
         return Markup()
     return tag(

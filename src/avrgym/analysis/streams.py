@@ -1,4 +1,4 @@
-"""Section of the report about Lab Streaming Layer streams of other devices."""
+"""Report section about the Lab Streaming Layer streams of other devices."""
 
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -19,7 +19,7 @@ STREAM_HEADS = (
 
 
 def streams_section(recorded: Sequence[StreamRow], simulated: bool) -> Markup:
-    """A table with a row for each stream; empty without streams."""
+    """Return the report section: a table with a row for each stream. Empty without streams."""
     rows = [row for row in recorded if row.simulated is simulated]
     names = dict.fromkeys(row.stream for row in rows)
     if not names:

@@ -1,4 +1,4 @@
-"""Analyse a study: compute all tables and tests from its recordings and its database."""
+"""Analyse a study: compute all tables and tests from recordings and database."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -78,14 +78,14 @@ from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
 CSV_ONLY_TABLES = ("control_steps", "people")
-"""Tables that are too long for ``results.json``: only CSV files contain them."""
+"""Names of the tables that are too long for ``results.json``. They are only in CSV files."""
 FORMAT = f"{FORMAT_NAME} 1"
 FROM_CURRENT_FILES = "data that recordings do not contain are taken from the current files of the study"
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The results of a study. ``groups``: people and simulated participants with recorded bodies.
+    """The results of a study. ``groups``: counted trials with recorded body posture, for each group of participants.
 
     ``design``: the study's design with all answered items. ``session_designs``: the recorded designs of the
     participants; ``differences``: their differences from the current design. ``losses``: consequences of a lost
@@ -125,11 +125,11 @@ class Analysis:
 
     @property
     def tests(self) -> list[ComparisonRow]:
-        """The tests of all families."""
+        """The rows of all families of tests."""
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
-        """All tables for CSV files."""
+        """Yield all tables for CSV files."""
         seen = self.observed
         yield Table.of("participants", ParticipantRow, seen.participants)
         yield Table.of("trials", TrialRow, seen.trials)
@@ -166,7 +166,7 @@ class Analysis:
         yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
-        """All results for ``results.json``, without control steps and sampled people."""
+        """Return all results for ``results.json``, without control steps and sampled people."""
         return {
             "format": FORMAT,
             "title": self.design.title,
@@ -198,7 +198,7 @@ def analyse(
     *,
     skip_damaged: bool = False,
 ) -> Analysis:
-    """Analyse a study in its current state. Arguments and errors are those of ``read_study``."""
+    """Return the analysis of a study in its current state. Arguments and errors are those of ``read_study``."""
     answered_items = AnsweredItems(store)
     design = answered_items.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)

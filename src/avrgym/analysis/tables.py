@@ -1,4 +1,4 @@
-"""Tables as CSV files. A file without rows has a header too."""
+"""Tables as CSV files. A table without rows results in a file with only a header."""
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from avrgym.system.files import open_new_csv
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows of values by column name, and the description of each column."""
+    """A table: rows (values by column name), and the description of each column."""
 
     name: str
     columns: Mapping[str, Column]
@@ -25,11 +25,11 @@ class Table:
 
     @classmethod
     def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
-        """A table from dataclass instances of type ``kind``."""
+        """Return a table from ``rows``, which are instances of the dataclass ``kind``."""
         return cls(name, columns_of(kind), [asdict(row) for row in rows])
 
     def write(self, folder: Path) -> None:
-        """Write the table into a folder as CSV. Text that a spreadsheet could run as a formula gets an apostrophe."""
+        """Write the table as CSV into a folder. Text that a spreadsheet could run as a formula gets an apostrophe."""
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
@@ -39,7 +39,7 @@ class Table:
 def control_steps(
     series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
-    """All control steps of all trials, with unweighted reward terms. The terms of other tasks are empty."""
+    """Return all control steps of all trials, with unweighted reward terms. Terms of other tasks are empty."""
     recorded = {
         f"term_{term}" for each in series.values() for step in each.steps for term in step.reward_terms
     }

@@ -1,4 +1,4 @@
-"""Godspeed questionnaire series: how people perceive a robot, on five scales of opposite adjectives."""
+"""Godspeed questionnaire series: people rate a robot between opposite adjectives, on five scales."""
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
 
@@ -21,7 +21,7 @@ OPPOSITES = {
     ),
     "safety": (("anxious", "relaxed"), ("agitated", "calm"), ("quiescent", "surprised")),
 }  # fmt: skip
-"""Word pairs of each scale. The second word has the higher value; no item is reversed."""
+"""Word pairs of each scale. The second word of a pair has the highest value. No item is reversed."""
 
 
 def _opposites_id(scale: str, low: str) -> str:

@@ -1,6 +1,6 @@
 """Validated questionnaires: items, response scales and scoring.
 
-To add one, define an ``Instrument`` in a module of this package and list it in ``registry``.
+To add a questionnaire, define an ``Instrument`` in a module of this package, and add it to ``registry``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,11 +8,11 @@ from statistics import fmean
 from typing import Literal, NamedTuple
 
 DIGITS = 9
-"""Number of decimals of scores. Rounding removes numerical differences between scores of equal answers."""
+"""Number of decimals of scores. Scores that differ only by rounding errors become equal."""
 
 
 class Response(NamedTuple):
-    """Response scale of an item: ``points`` answers with the values ``lowest``, ``lowest + step`` and so on."""
+    """Response scale of an item. Its ``points`` answers have the values ``lowest``, ``lowest + step``, and so on."""
 
     points: int
     lowest: int
@@ -20,7 +20,7 @@ class Response(NamedTuple):
 
     @property
     def highest(self) -> int:
-        """The value of the last answer."""
+        """The highest value of the scale."""
         return self.scale_value(self.points)
 
     @property
@@ -34,15 +34,16 @@ class Response(NamedTuple):
         return range(self.lowest, self.highest + self.step, self.step)
 
     def scale_value(self, value: int) -> int:
-        """The value of a stored answer. Stored answers are numbered from 1."""
+        """Return the value of a stored answer. Stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
 
 class InstrumentItem(NamedTuple):
     """An item of a validated questionnaire.
 
-    A text is empty if its licence does not allow distribution; the study's folder then contains it. ``low`` and
-    ``high``: labels of both ends. ``labels``: labels of all answers, if they are not only numbers.
+    ``text`` is empty if the licence does not allow distribution; the study's folder must then contain the text. ``low``
+    and ``high``: labels of the two ends of the scale. ``labels``: labels of all answers; empty if the screen shows
+    numbers.
     """
 
     id: str
@@ -53,10 +54,10 @@ class InstrumentItem(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A score: the ``mean`` or ``sum`` of item values, times ``factor``.
+    """A score: the mean or sum (``of``) of item values, multiplied by ``factor``.
 
-    An item that is listed twice counts twice. The values of ``reversed`` items are reversed; then ``offset`` is added
-    to the value of each item.
+    ``reversed``: items whose values are reversed. ``offset``: number that is then added to the value of each item. An
+    item that ``items`` contains twice counts twice.
     """
 
     name: str
@@ -70,8 +71,9 @@ class Scale(NamedTuple):
 class Weighting(NamedTuple):
     """A weighted score: the weighted mean of item values.
 
-    ``instrument``: the questionnaire with the weights as scores. ``items``: the weighted item of each of its scales.
-    Weights are integers from 0 to ``most`` with the sum ``total``.
+    ``scale``: name of the weighted score. ``instrument``: name of the questionnaire that measures the weights; its
+    scores are the weights. ``items``: the item that each of these weights multiplies. Weights are integers from 0 to
+    ``most``; their sum is ``total``.
     """
 
     scale: str
@@ -84,8 +86,8 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``missing``: if an answer is missing, ``"no score"`` gives no score, and ``"centre"`` replaces the answer by the
-    scale's middle. ``texts``: the source of texts that AVR Gym does not contain.
+    ``missing``: rule for missing answers. ``"no score"``: the score is ``None``. ``"centre"``: the middle of the
+    response scale replaces the answer. ``texts``: source of the item texts, if AVR Gym does not contain them.
     """
 
     name: str
@@ -105,13 +107,13 @@ class Instrument(NamedTuple):
         return [scale.name for scale in self.scales] + ([self.weighting.scale] if self.weighting else [])
 
     def items_of(self, scale: str) -> tuple[str, ...]:
-        """The items of a scale, without duplicates."""
+        """Return the item ids of a scale, without duplicates."""
         if self.weighting is not None and scale == self.weighting.scale:
             return tuple(self.weighting.items.values())
         return tuple(dict.fromkeys(self._scale(scale).items))
 
     def range_of(self, scale: str) -> tuple[float, float]:
-        """The lowest and the highest possible score of a scale."""
+        """Return the lowest and the highest possible score of a scale."""
         response = self.response
         if self.weighting is not None and scale == self.weighting.scale:
             return float(response.lowest), float(response.highest)
@@ -122,11 +124,11 @@ class Instrument(NamedTuple):
     def score(
         self, answers: Mapping[str, int], weights: Mapping[str, int] | None = None
     ) -> dict[str, float | None]:
-        """The score of each scale by name; ``None`` if required answers are missing.
+        """Return the score of each scale, by scale name; ``None`` if required answers are missing.
 
         Args:
             answers: the answer to each item, numbered from 1.
-            weights: the weight of each weighted item; without weights, the weighted score is ``None``.
+            weights: the weights, by the keys of ``Weighting.items``. Without weights, the weighted score is ``None``.
 
         Raises:
             ValueError: for an unknown item, or for an invalid answer or weight.
@@ -162,7 +164,7 @@ class Instrument(NamedTuple):
 
 
 def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
-    """Raise ``ValueError`` if an item has no weight, or if a weight or the sum of weights is not allowed."""
+    """Raise ``ValueError`` if a weight is missing, unknown or out of range, or if the sum of weights is wrong."""
     names = ", ".join(weighting.items)
     if set(weights) != set(weighting.items):
         given = ", ".join(weights) or "no item"

@@ -38,9 +38,9 @@ def _pair_id(first: str, second: str) -> str:
 
 
 def _weight(factor: str) -> Scale:
-    """The weight of a factor: the number of pairs in which it was chosen.
+    """Return the scale of a factor's weight: the number of pairs in which participants chose the factor.
 
-    Pairs with it as first factor are reversed.
+    Pairs in which the factor is first are reversed items.
     """
     own = [pair for pair in PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]

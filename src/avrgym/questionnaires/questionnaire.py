@@ -18,9 +18,9 @@ MAX_POINTS = 101
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A statement that is rated from 1 (``low``) to ``points`` (``high``).
+    """A statement or question that participants rate from 1 (``low``) to ``points`` (``high``).
 
-    The screen shows ``labels`` instead of numbers.
+    If there are ``labels``, the screen shows them instead of numbers.
     """
 
     id: str
@@ -32,7 +32,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
 
 def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
-    """Translate items into the language of ``texts``."""
+    """Return the items in the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
             item,
@@ -46,9 +46,10 @@ def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A group of items. ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
+    """A questionnaire of a study. ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
 
-    ``use``: name of a validated questionnaire, which defines items and scores. ``weights``: weights of weighted scores.
+    ``use``: name of a validated questionnaire, which defines items and scores. ``weights``: weights of its weighted
+    score.
     """
 
     name: str
@@ -60,7 +61,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def instrument(self) -> Instrument | None:
-        """The validated questionnaire in ``use``; ``None`` for the study's own items."""
+        """The validated questionnaire with the name ``use``; ``None`` for the study's own items."""
         return INSTRUMENTS[self.use] if self.use else None
 
     @property
@@ -69,17 +70,18 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> Response:
-        """The response scale of an item.
+        """Return the response scale of an item.
 
-        It is the scale of the validated questionnaire, the scale of integer labels, or 1 to ``points``. Stored answers
-        are numbered from 1; tables, figures and exports contain values of this scale.
+        Items of a validated questionnaire have its scale. Items with integer labels have these labels as values. All
+        other items have the values 1 to ``points``. Tables, figures and exports contain values of this scale; stored
+        answers are always numbered from 1.
         """
         if self.instrument is not None:
             return self.instrument.response
         return _numbered(item.labels) or Response(item.points, lowest=1)
 
     def describe_scale(self, item: Item) -> str:
-        """The response scale of an item as text, with its labels."""
+        """Return the response scale of an item as text, with its labels."""
         scale = self.scale_of(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):
             return ", ".join(
@@ -90,7 +92,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _numbered(labels: Sequence[str]) -> Response | None:
-    """The response scale of labels that are equally spaced, increasing integers; ``None`` for other labels."""
+    """Return the response scale if labels are equally spaced, increasing integers; otherwise ``None``."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
@@ -112,7 +114,7 @@ LIKERT_ITEMS = (
 
 
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
-    """The items of a moment in the order of presentation. The same seed results in the same order."""
+    """Return the items that are shown at the moment ``when``, in order. The same seed results in the same order."""
     rng = random_streams.item_order(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:

@@ -8,13 +8,14 @@ import msgspec
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 
 STOP_ACTIONS = ("pause", "end")
-"""Allowed actions, the strongest last."""
+"""Allowed actions of a stop rule, from the weakest to the strongest."""
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The session does ``then`` (see ``STOP_ACTIONS``) if the answer to ``item`` has a value of ``at_least`` or more.
+    """If the value of the answer to ``item`` is ``at_least`` or more, the session does ``then``: pause or end.
 
-    Values are those of the validated questionnaire; for the study's own items, 1 to ``points``.
+    For a validated questionnaire, the values are those of its response scale. For the study's own items, they are 1 to
+    ``points``.
     """
 
     item: str
@@ -23,7 +24,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopDecision(NamedTuple):
-    """The action of the session (one of ``STOP_ACTIONS``), and the reason for the experimenter."""
+    """The action of the session (``then``, one of ``STOP_ACTIONS``), and its reason as text for the experimenter."""
 
     then: str
     why: str
@@ -37,7 +38,7 @@ class StopRules:
     questionnaires: tuple[Questionnaire, ...] = ()
 
     def decide(self, item_id: str, value: int) -> StopDecision | None:
-        """The strongest action that an answer triggers; ``None`` if it triggers none."""
+        """Return the strongest action that an answer triggers; ``None`` if no stop rule applies."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
@@ -50,12 +51,12 @@ class StopRules:
         )
 
     def value_range(self, item: str) -> tuple[float, float]:
-        """The lowest and the highest value of an item's response scale."""
+        """Return the lowest and the highest value that a stop rule for ``item`` can use."""
         questionnaire, found = self.find(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
 
     def find(self, item: str) -> tuple[Questionnaire, Item]:
-        """An item and its questionnaire. Raises ``KeyError`` for an unknown item."""
+        """Return the questionnaire of an item, and the item. Raises ``KeyError`` for an unknown item."""
         for questionnaire in self.questionnaires:
             for each in questionnaire.items:
                 if each.id == item:

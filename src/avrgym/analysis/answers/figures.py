@@ -53,7 +53,7 @@ MAX_BRACKETS = 6
 def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """A figure for each questionnaire after trials, as in the paper: answers to its items by policy, and tests."""
+    """Yield a figure for each questionnaire after trials, as in the paper: answers by policy, and tests."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -68,7 +68,7 @@ def trial_answers_figures(
 def mean_answers_figures(
     design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Figure 8 of the paper for each questionnaire: mean answers over all trials with each policy."""
+    """Yield a bar chart for each questionnaire after trials, as in Figure 8 of the paper: mean answers by policy."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -88,20 +88,20 @@ def mean_answers_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """The tests between policies that a figure shows. They use each participant's mean over trials."""
+    """Return the tests between policies that a figure shows. Each participant gives one value, the mean over trials."""
     family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
 
 def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """The tests of primary results with at least ``MIN_PARTICIPANTS`` participants."""
+    """Return the primary tests with at least ``MIN_PARTICIPANTS`` participants."""
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
 def session_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """A figure for each questionnaire about sessions: answers before and after sessions, and tests of the changes."""
+    """Yield a figure for each questionnaire about sessions: answers before and after, and tests of the change."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
@@ -117,12 +117,15 @@ def session_answers_figures(
 
 
 def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
-    """File name of the figure of answers after trials. It contains the questionnaire's name if there are several."""
+    """Return the file name of a figure of answers after trials.
+
+    With several questionnaires after trials, the file name contains the questionnaire's name.
+    """
     return "likert" if len(questionnaires_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
 
 
 def session_figure_name(questionnaire: Questionnaire) -> str:
-    """File name of the figure of answers about sessions."""
+    """Return the file name of a figure of answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
 
@@ -134,9 +137,9 @@ def _likert_figure(
     tests: Sequence[ComparisonRow],
     words: tuple[str, str],
 ) -> Drawing:
-    """Distribution of the answers to each item in each group, and tests between the groups.
+    """Draw the distribution of the answers to each item, with a bar for each group, and tests between groups.
 
-    ``words``: a word for the groups, and a word for the numbers in the bars.
+    ``words``: a noun for the groups (such as "policy"), and a noun for the numbers in the bars (such as "trials").
     """
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
@@ -172,7 +175,7 @@ def _likert_figure(
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the axis of shares. The space at its right is for tests."""
+    """Draw the x axis of shares. ``beside``: width of the space on its right for tests."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
@@ -195,13 +198,13 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:
-    """Description of the scale that all items share; empty if their scales differ."""
+    """Return a description of the response scale of all items; empty if the items have different scales."""
     scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """The item's text, wrapped to the figure's width, with its scale if ``common`` is empty."""
+    """Return the item's text in lines of at most ``letters`` characters; with its scale if ``common`` is empty."""
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -214,14 +217,14 @@ def _bars(
     groups: Mapping[str, Sequence[LikertRow]],
     share_in: float,
 ) -> None:
-    """Draw a stacked bar for each group."""
+    """Draw a stacked bar of the answers to ``item`` for each group."""
     for place, rows in enumerate(groups.values()):
         own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
         _stack(axes, top + place, own, neutral, share_in)
 
 
 def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
-    """Draw a stacked bar, centred at the neutral value. A share of 1 is ``share_in`` inches long."""
+    """Draw one stacked bar with the neutral value at x = 0. A share of 1 is ``share_in`` inches long."""
     below = sum(row.share for row in rows if row.value < neutral)
     at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
@@ -238,7 +241,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
 def _brackets(
     axes: Axes, top: float, groups: Sequence[str], tests: Sequence[ComparisonRow], width: float
 ) -> None:
-    """Draw a bracket with p and stars for each tested pair of groups."""
+    """Draw a bracket with p value and stars for each tested pair of groups."""
     for index, row in enumerate(tests):
         first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + width * index
@@ -249,7 +252,7 @@ def _brackets(
 ROW_WIDTH_IN = 4.2
 """Width of a row of bars."""
 BAR_WIDTH_IN = 0.34
-"""Minimum width of a bar; its mean is printed above it."""
+"""Minimum width of a bar. The mean is printed above the bar."""
 
 
 def means_figure(
@@ -258,7 +261,7 @@ def means_figure(
     rows: Sequence[SubjectiveRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
-    """Bar chart of the mean answer to each item with each policy, in one or more rows."""
+    """Return a bar chart of the mean answer to each item with each policy. Many items are split into rows."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
     with matplotlib.rc_context(STYLE):
@@ -273,7 +276,7 @@ def means_figure(
 
 
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
-    """Number of items that fit in a row."""
+    """Return the number of items that fit in a row of bars."""
     item_in = max(
         BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
         CHARACTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
@@ -282,7 +285,7 @@ def _items_in_row(design: Design, items: Sequence[Item]) -> int:
 
 
 def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
-    """Draw a bar for each item and policy."""
+    """Draw a bar for the mean answer to each item with each policy."""
     width = GROUP_WIDTH / len(design.policies)
     ids = [item.id for item in items]
     for index, policy in enumerate(design.policies):
@@ -298,7 +301,7 @@ def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence
 def _mean_axis(
     axes: Axes, questionnaire: Questionnaire, items: Sequence[Item], tests: Sequence[ComparisonRow]
 ) -> None:
-    """Set the y axis to the range of the scales, and print the tests above it."""
+    """Set the y axis to the range of the response scales, and print the tests above the bars."""
     scales = [questionnaire.scale_of(item) for item in items]
     minimum, maximum = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
     ids = [item.id for item in items]

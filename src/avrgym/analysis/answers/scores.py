@@ -1,4 +1,4 @@
-"""Scores of validated questionnaires: summaries, tests, and a section of the report."""
+"""Scores of validated questionnaires: summaries, tests and the report section."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreSummaryRow:
-    """Summary of the counted scores of one scale, for one policy or for one moment of the sessions."""
+    """Summary of counted scores of one scale: after trials with one policy, before or after sessions, or changes."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -67,7 +67,7 @@ class ScoreSummaryRow:
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
-    """Summaries of each scale: with each policy, before sessions, after sessions, and of the change."""
+    """Return summaries of each scale: for each policy, before sessions, after sessions, and for the change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
@@ -81,10 +81,10 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 
 
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
-    """Wilcoxon signed-rank tests of every scale; each questionnaire is a family.
+    """Return Wilcoxon signed-rank tests of every scale. The tests of one questionnaire are a family.
 
-    Scores after trials compare policies, paired within participant × task × robot, by trial and by participant. Scores
-    about sessions compare after with before, paired within participant.
+    Scores after trials: policies are compared, paired within participant × task × robot. There is a family of tests by
+    trial and a family by participant. Scores about sessions: after is compared with before, paired within participant.
     """
     families: list[Family] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -102,20 +102,20 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
 
 
 def scores_policies_question(questionnaire: Questionnaire) -> Question:
-    """The question whether policies differ in a questionnaire's scores."""
+    """Return the question: do the scores of a questionnaire differ between policies?"""
     return Question(
         f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
     )
 
 
 def scores_change_question(questionnaire: Questionnaire) -> Question:
-    """The question whether sessions change a questionnaire's scores."""
+    """Return the question: do the scores of a questionnaire change over sessions?"""
     name = f"before and after sessions, scores of {questionnaire.name}"
     return Question(name, score_tests_caption(questionnaire), primary=True)
 
 
 def score_tests_caption(questionnaire: Questionnaire) -> str:
-    """The caption of the table of tests of a questionnaire's scores."""
+    """Return the caption of the table with the tests of a questionnaire's scores."""
     return f"{questionnaire.name}: tests of scores"
 
 
@@ -132,7 +132,7 @@ def _policy_family(
 def _by_questionnaire(
     design: Design, scores: Sequence[ScoreRow]
 ) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
-    """Each instrument's counted scores, first of people, then of simulated participants."""
+    """Yield the counted scores of each questionnaire, first of people, then of simulated participants."""
     counted = [row for row in scores if row.counted and row.score is not None]
     for simulated in sorted({row.simulated for row in counted}):
         for questionnaire in design.questionnaires:
@@ -150,7 +150,7 @@ def _scales(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key, float]:
-    """The scores of one scale after trials with a policy, by participant, task and robot."""
+    """Return the scores of one scale after trials with ``policy``; keys are (participant, task, robot)."""
     return {
         (row.participant, row.task or "", row.robot or ""): row.score
         for row in rows
@@ -174,7 +174,7 @@ def _summary_rows(
     policy: str | None,
     values: Sequence[float],
 ) -> list[ScoreSummaryRow]:
-    """One row with the summary of ``values``; none if there are no values."""
+    """Return one row with the summary of ``values``; an empty list if there are no values."""
     if not values:
         return []
     return [
@@ -202,7 +202,7 @@ def scores_section(
     simulated: bool,
     tests: TestTables,
 ) -> Markup:
-    """Summaries and tests of each validated questionnaire; empty if the study uses none."""
+    """Return the report section: summaries and tests of each validated questionnaire. Empty without scores."""
     own_scores = [row for row in scores if row.simulated is simulated]
     own_summaries = [row for row in summaries if row.simulated is simulated]
     parts = [
@@ -256,7 +256,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
-    """The lowest and the highest possible score of a scale; empty cells for changes."""
+    """Return the lowest and the highest possible score of a scale as cells; empty cells for changes."""
     minimum, maximum = instrument.range_of(row.scale)
     return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
 

@@ -1,4 +1,4 @@
-"""Participants' answers before and after sessions, and the changes."""
+"""Participants' answers before and after sessions, and their changes: summaries, frequencies and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,9 +40,9 @@ CHANGE = "change"
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the counted answers to one item before or after sessions; each participant gives one value.
+    """Summary of the counted answers to one item: before sessions, after sessions, or the change.
 
-    A change is the answer after minus the answer before. It exists if a participant gave both answers.
+    Each participant gives one value. The change is the answer after minus the answer before; it needs both answers.
     """
 
     simulated: IsSimulated
@@ -61,16 +61,16 @@ class SessionAnswerRow:
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
-"""Values by (moment, item or scale) and by participant."""
+"""For each (moment, item or scale): the value of each participant."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
-    """The questionnaires before or after sessions, in the design's order."""
+    """Return the questionnaires that are shown before or after sessions, in the design's order."""
     return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Summaries of each item before sessions, after sessions, and of the change."""
+    """Return summaries of each item: before sessions, after sessions, and for the change."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -81,7 +81,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Frequency of each value of each item before and after sessions."""
+    """Return how often each value of each item was given, before and after sessions."""
     return [
         row
         for simulated, questionnaire, given in _asked(design, answers)
@@ -94,7 +94,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
 
 
 def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Wilcoxon signed-rank tests of the changes over sessions; the items of a questionnaire are a family."""
+    """Return Wilcoxon signed-rank tests of the changes over sessions. The tests of one questionnaire are a family."""
     return [
         corrected_family(
             simulated,
@@ -108,7 +108,7 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """The values at ``moment``. For ``CHANGE``: after minus before, of participants with both answers."""
+    """Return the values of ``quantity`` at ``moment``. ``CHANGE``: after minus before, of participants with both."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
@@ -116,7 +116,7 @@ def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[f
 
 
 def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
-    """Compare values after sessions with values before, for participants with both answers."""
+    """Compare values after sessions with values before, for participants who have both."""
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [name for name in before if name in after]
     a, b = [after[name] for name in both], [before[name] for name in both]
@@ -133,7 +133,7 @@ def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
-    """The question whether answers to a questionnaire change over sessions."""
+    """Return the question: do the answers to a questionnaire change over sessions?"""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
     return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
@@ -142,7 +142,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """The counted answers to each questionnaire about sessions, first of people, then of simulated participants."""
+    """Yield each questionnaire about sessions with the counted answers: of people, then of simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}

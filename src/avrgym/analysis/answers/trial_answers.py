@@ -46,7 +46,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class SubjectiveRow:
-    """Summary of the counted answers to one item with one policy. Task or robot ``all`` means all together."""
+    """Summary of the counted answers to one item with one policy. ``all`` means all tasks or all robots together."""
 
     simulated: IsSimulated
     item: ItemName
@@ -64,7 +64,7 @@ class SubjectiveRow:
 
 @dataclass(frozen=True, kw_only=True)
 class LikertRow:
-    """Frequency of one value among the answers to an item: with one policy, or before or after sessions."""
+    """Frequency of one value in the answers to an item: after trials with one policy, or before or after sessions."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -80,7 +80,7 @@ AFTER_TRIAL = "after_trial"
 
 
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
-    """Summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
+    """Return summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
@@ -96,7 +96,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Frequency of each value of each item after trials, by policy."""
+    """Return how often each value of each item was given after trials, by policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -113,7 +113,7 @@ def value_frequencies(
     policy: str | None,
     values: Sequence[float],
 ) -> list[LikertRow]:
-    """Frequency of each value on the scale of ``item``."""
+    """Return how often each value on the scale of ``item`` is in ``values``."""
     return [
         LikertRow(
             simulated=simulated,
@@ -130,12 +130,12 @@ def value_frequencies(
 
 
 def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """The paper's tests, by trial (as in the paper) and by participant.
+    """Return the paper's two tests, by trial (as in the paper) and by participant.
 
-    For each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale. For each
-    item, policies are compared, paired within participant × task × robot; each questionnaire is a family. Trials of
-    one participant are not independent. If participants differ, p by trial is therefore too small. In tests by
-    participant, each participant gives one value, the mean over trials.
+    Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale.
+    Test 2: for each item, policies are compared, paired within participant × task × robot. The tests of one
+    questionnaire are a family. Trials of one participant are not independent: if participants differ, p by trial is
+    too small. In tests by participant, each participant gives one value, the mean over trials.
     """
     families: list[Family] = []
     for simulated in _groups(answers):
@@ -156,27 +156,27 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
 
 
 def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
-    """The questionnaires at ``moment``, in the design's order."""
+    """Return the questionnaires that are shown at ``moment``, in the design's order."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def trial_items(design: Design) -> tuple[Item, ...]:
-    """The items of all questionnaires after trials, in the design's order."""
+    """Return the items of all questionnaires after trials, in the design's order."""
     return tuple(
         item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
     )
 
 
 def midpoint_question(questionnaire: Questionnaire) -> Question:
-    """The question whether the first item differs from the midpoint of its scale."""
+    """Return the question: do the answers to the first item differ from the midpoint of its scale?"""
     name = f"{questionnaire.items[0].id} against the middle"
     return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
-    """The question whether policies differ in the items.
+    """Return the question: do the answers to a questionnaire differ between policies?
 
-    If there are several questionnaires, its name contains the questionnaire's name.
+    With several questionnaires after trials, the question's name contains the questionnaire's name.
     """
     names = {base_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
@@ -209,7 +209,7 @@ def _against_middle(
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
 ) -> tuple[dict[Key, float], dict[Key, float]]:
-    """Answers to an item with the first and with the second policy, each by participant, task and robot."""
+    """Return the answers to an item with the first and with the second policy, by (participant, task, robot)."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
 

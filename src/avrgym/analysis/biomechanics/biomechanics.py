@@ -1,6 +1,6 @@
 """Compare participants with the training populations: torso heights, head positions and waist angles.
 
-The paper derived the Revised population from the Original population in this way.
+The paper compared its participants with the Original population in this way to define the Revised population.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class BiomechanicsRow:
-    """Distribution of a measure, among participants (one value each) or in a training population."""
+    """Distribution of a measure among participants (one value each) or in a training population."""
 
     simulated: IsSimulated
     quantity: Quantity
@@ -59,7 +59,7 @@ class BiomechanicsRow:
 
 @dataclass(frozen=True, kw_only=True)
 class RangeRow:
-    """Range of a measure among participants, and its ranges in the training populations."""
+    """Range of a measure among participants, and the ranges of the same measure in the two training populations."""
 
     simulated: IsSimulated
     quantity: Quantity
@@ -76,22 +76,22 @@ class RangeRow:
 
 @dataclass(frozen=True, eq=False)
 class BodyTrials:
-    """Counted trials with a recorded body, of people or of simulated participants."""
+    """Counted trials with recorded body posture, either of people or of simulated participants."""
 
     simulated: bool
     trials: tuple[TrialRow, ...]
 
     def postures(self) -> list[str]:
-        """The postures that occur in these trials."""
+        """Return the postures that occur in these trials."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
     def in_posture(self, posture: str) -> list[TrialRow]:
-        """The trials in ``posture``."""
+        """Return the trials in ``posture``."""
         return [row for row in self.trials if posture_of(row.task) == posture]
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
-    """The trials of people, then of simulated participants. A group without trials is omitted."""
+    """Return the trials of people, then those of simulated participants. A group without trials is omitted."""
     usable = [row for row in trials if row.counted and row.torso_height_m is not None]
     return [
         BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
@@ -103,7 +103,7 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
-    """Distributions of torso heights, and of head positions by posture, of participants and training populations."""
+    """Return distributions of torso height, and of head position by posture: participants and training populations."""
     rows: list[BiomechanicsRow] = []
     for group in groups:
         own = torso_heights(group)
@@ -124,7 +124,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Torso height of each participant (or of each participant of one ``sex``) in metres, the median over trials."""
+    """Return the torso height of each participant in metres: the median over trials. ``sex``: use only this sex."""
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
@@ -133,7 +133,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
-    """Head position (n, 3) of each participant in a posture, in the world frame; the mean over trials."""
+    """Return each participant's mean head position (n, 3) over trials in ``posture``, in metres in the world frame."""
     trials = group.in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
@@ -164,9 +164,9 @@ def _distribution(
 
 
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
-    """Ranges of torso heights by sex, and of waist angles, over all participants.
+    """Return the ranges over all participants of torso height (by sex) and of waist angles.
 
-    There are two ranges of waist angles: the range of mean angles of trials, and the range of all angles during trials.
+    Each waist angle has two ranges: the range of the mean angles of trials, and the range of all angles in trials.
     """
     rows: list[RangeRow] = []
     for group in groups:

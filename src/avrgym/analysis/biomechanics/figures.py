@@ -26,7 +26,7 @@ from avrgym.analysis.page.drawing import (
 from avrgym.models.human import SEXES
 
 MAX_SHOWN_PEOPLE = 150
-"""Largest number of sampled people of a population and posture in a figure."""
+"""Maximum number of sampled people that a figure shows for each population and posture."""
 BIN_M = 0.01
 
 
@@ -34,7 +34,7 @@ BIN_M = 0.01
 
 
 def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Torso heights of participants as marks, above the distributions of the training populations."""
+    """Draw the distributions of torso heights, and a mark below them for each participant."""
     own = torso_heights(trials)
     trained = {
         name: [row.torso_height_m for row in people if row.population == name]
@@ -66,7 +66,7 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Draw
 
 
 def head_position_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Front and side view of head positions: means of trials, and people of the training populations."""
+    """Draw head positions from the front and from the side: mean of each trial, and people of training populations."""
     postures = trials.postures()
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")

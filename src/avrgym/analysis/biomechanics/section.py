@@ -1,4 +1,4 @@
-"""Section of the report about torso heights and head positions."""
+"""Report section about torso heights, head positions and waist angles."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def biomechanics_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Compare participants with the training populations, and show the ranges that cover the participants."""
+    """Return the report section: figures, ranges, tests and distributions of participants and training populations."""
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")

@@ -1,4 +1,4 @@
-"""Tests of participants against the training populations: the paper's tests, and tests for unpaired samples."""
+"""Compare participants with the training populations: the paper's paired tests, and tests of unpaired samples."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -34,11 +34,11 @@ HEAD_QUESTION = Question("head positions", table="Head positions by axis")
 
 
 def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
-    """All tests of torso heights, then of head positions, for each group and posture.
+    """Return all tests of torso heights, then of head positions, for each group and posture.
 
-    The signed-rank test (as in the paper) pairs each trial with a person sampled for its task, in order. These pairs
-    are arbitrary. Mann-Whitney's test and, for positions, the energy test compare unpaired samples: one value for each
-    participant, and all sampled people.
+    The signed-rank test (as in the paper) pairs each trial with a person who was sampled for the same task. These pairs
+    are arbitrary. The Mann-Whitney test compares unpaired samples: one value of each participant, and all sampled
+    people. The energy test does the same for three-dimensional head positions.
     """
     return [family for group in groups for family in _families(group, people)]
 
@@ -109,13 +109,13 @@ def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, n
 def _against(
     trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTest
 ) -> Comparison:
-    """The comparison of participants' values ``own`` with the values ``others`` of population ``name``."""
+    """Return the comparison of the participants' values ``own`` with the values ``others`` of population ``name``."""
     participants = len({row.participant for row in trials})
     return Comparison(quantity, ("participants", own), (name, others), found, participants)
 
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
-    """Pair each trial with the next sampled person of its task; after the last person, start again."""
+    """Return a sampled person of the same task for each trial, in order. After the last person, the first follows."""
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[PersonRow] = []

@@ -53,20 +53,23 @@ TRAINING_PEOPLE: Mapping[str, Distribution] = {
     "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
     "revised": _REVISED,
 }
-"""Training populations. The second varies only heights, to separate their effect from the waist's (as in the paper)."""
+"""Training populations by name.
+
+The second has the heights of Revised and the waist angles of Original. This separates their effects (as in the paper).
+"""
 HEIGHT_DISTRIBUTIONS = ("original", "revised")
-"""The populations with different torso heights."""
+"""Names of the populations with different distributions of torso height."""
 
 
 def posture_of(task: str) -> str:
-    """The posture of the person in a task: ``seated`` or ``in bed``."""
+    """Return the posture of the person in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
     seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
     return "seated" if seated else "in bed"
 
 
 def sample_training_people(design: Design) -> list[PersonRow]:
-    """Sample ``PEOPLE_PER_TASK`` people from each population for each task, as training does."""
+    """Sample ``PEOPLE_PER_TASK`` people for each population and task, from the same distributions as training."""
     return [
         row
         for name, task in product(TRAINING_PEOPLE, design.tasks)
@@ -75,7 +78,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 
 
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
-    """People of one population and task. The seeds depend only on these two."""
+    """Sample people of one population for one task. The random seed depends only on population and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
     rng = random_streams.training_people(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
@@ -104,12 +107,12 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
-    """Head positions (n, 3) of a population's people in a posture, in the world frame."""
+    """Return the head positions (n, 3) of the people of population ``name`` in ``posture``, in m in the world frame."""
     return np.array(
         [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]
     )
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
-    """Centre of the head in the world frame, in metres."""
+    """Return the centre of the head (x, y, z) in the world frame, in metres."""
     return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

@@ -1,4 +1,4 @@
-"""Effects in the regression models of a study, and their design matrix."""
+"""Effects in the regression models of a study, and the design matrix."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from avrgym.study.design.design import Design
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
 EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
 TASK_GROUPS = "tasks"
-"""A nuisance effect: it is part of the models, but is not reported."""
+"""Kind of the task effects. They are nuisance effects: the models contain them, but no result reports them."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
 Group = tuple[str, str]
@@ -22,11 +22,11 @@ Group = tuple[str, str]
 
 @dataclass(frozen=True)
 class TrialValue:
-    """The dependent variable of one trial, and the trial's position in the session.
+    """The dependent variable in one trial (``value``), the trial's condition, and its position in the session.
 
-    ``block_position``: position of the task's block, from 0 (first) to 1 (last). ``position_in_block``: position of the
-    trial in its block, from 0 to 1. ``previous_policy``: policy of the previous trial of the block, practice included;
-    ``None`` for the first trial.
+    A block contains the trials of one task. ``block_position``: position of the block in the session, from 0 (first) to
+    1 (last). ``position_in_block``: position of the trial in its block, from 0 to 1. ``previous_policy``: policy of the
+    previous trial or practice trial in the block; ``None`` if there is none.
     """
 
     participant: str
@@ -41,7 +41,7 @@ class TrialValue:
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of interest: its kind, and the two groups that are compared."""
+    """An effect of interest: its kind, and two groups of trials. The effect is ``group_a`` minus ``group_b``."""
 
     kind: str
     group_a: str
@@ -50,9 +50,9 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Design matrix (n, p) without intercept; ``groups`` are the kind and group of each column.
+    """Design matrix (n, p) without intercept. ``groups``: kind of effect and group of trials of each column.
 
-    The groups in ``reference_groups`` have no column.
+    Reference groups have no column.
     """
 
     groups: tuple[Group, ...]
@@ -60,7 +60,7 @@ class DesignMatrix:
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
-        """Contrast vector (p,) of an effect. Raises ``FitError`` if the trials do not identify the effect."""
+        """Return the contrast vector (p,) of an effect. Raises ``FitError`` if the effect is not identifiable."""
         weights = np.zeros(len(self.groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
             if group in self.groups:
@@ -71,7 +71,7 @@ class DesignMatrix:
 
 
 def effects(design: Design) -> tuple[Effect, ...]:
-    """All effects of interest of a study design."""
+    """Return all effects of interest in a study design."""
     found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
@@ -85,12 +85,12 @@ def effects(design: Design) -> tuple[Effect, ...]:
 
 
 def after_policy(policy: str) -> str:
-    """Name of the group of trials whose previous trial had ``policy``."""
+    """Return the name of the group of trials that follow a trial with ``policy``."""
     return f"after {policy}"
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
-    """Build the design matrix of these trials. Columns that depend linearly on earlier columns are omitted."""
+    """Return the design matrix of these trials. Columns that depend linearly on the columns before are omitted."""
     groups: list[Group] = []
     reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
@@ -106,7 +106,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
-    """A column for each group, in order of importance; ``None`` for the reference group of each kind."""
+    """Yield each group and its column, in order of importance; ``None`` for the reference group of each kind."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
@@ -121,7 +121,10 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Indicator column (0 or 1) of each group. Trials without a group get the mean of all groups."""
+    """Yield each group and its indicator column (0 or 1); ``None`` for the first group, which is the reference.
+
+    ``given``: group of each trial. Trials without a group have 1 / (number of groups) in each column.
+    """
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):
         share = 1.0 / len(present)

@@ -17,9 +17,9 @@ class FitError(Exception):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of an effect with standard error, degrees of freedom (Student's t), 95 % confidence interval and p.
+    """Estimate of an effect: value, standard error, degrees of freedom, 95 % confidence interval and p (Student's t).
 
-    ``note``: warnings about the model, or empty.
+    ``note``: warnings about the model; empty without warnings.
     """
 
     value: float
@@ -32,7 +32,7 @@ class Estimate:
 
     @classmethod
     def from_variance(cls, value: float, variance: float, df: float) -> "Estimate":
-        """Interval and p of an estimate by Student's t. Raises ``FitError`` if the variance is not positive."""
+        """Return an estimate, with interval and p by Student's t. Raises ``FitError`` if the variance is zero."""
         if not variance > 1e-16 * max(1.0, value**2):
             raise FitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
@@ -42,8 +42,8 @@ class Estimate:
 
 
 class FittedModel(Protocol):
-    """A fitted model."""
+    """A fitted regression model."""
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Estimate of ``contrast @ coefficients``; contrast (p,) belongs to the columns of the design matrix."""
+        """Return the estimate of ``contrast @ coefficients``. ``contrast`` (p,): a weight for each matrix column."""
         ...

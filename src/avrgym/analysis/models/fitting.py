@@ -16,18 +16,18 @@ from avrgym.study.design.design import Design
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 EffectEstimates = Mapping[Effect, Estimate | FitError]
 RANDOM_EFFECT_OF = {POLICIES: "policy", ROBOTS: "robot"}
-"""Random effect by kind of effect: participants may respond differently to policies and to robots."""
+"""Random effect for a kind of effect: participants can differ in their responses to policies and to robots."""
 UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
-    """Drop each task and robot with all values at one end of the scale (complete separation).
+    """Drop each task and robot whose values are all at the same end of the scale (complete separation).
 
     The effect of such a group is unbounded, and the group contains no information about other effects. Mixed models
     keep all groups.
 
     Returns:
-        The other values, and a note with the names of the dropped groups; empty if none was dropped.
+        The remaining values, and a note that names the dropped groups. The note is empty if no group was dropped.
     """
     kept, left_out = list(observed), list[str]()
     if model == MIXED or len({each.value for each in observed}) < 2:
@@ -55,7 +55,7 @@ def _robot(observed: TrialValue) -> str:
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], requested_effects: Sequence[Effect]
 ) -> EffectEstimates:
-    """Fit the model and estimate each effect, or return the ``FitError`` that prevents its estimate."""
+    """Fit the model. Return the estimate of each effect, or the ``FitError`` that prevented this estimate."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(
             requested_effects, FitError("all values are equal" if observed else "there are no values")
@@ -83,7 +83,7 @@ def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> Estim
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> FittedModel:
-    """Fit a model with participants as clusters. Raises ``FitError`` if the values do not identify it."""
+    """Fit a model with participants as clusters. Raises ``FitError`` if the values do not identify the model."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
         raise FitError(f"fewer than {MIN_PARTICIPANTS} participants")
@@ -97,12 +97,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
-    """A warning about random effects with zero variance; empty if there is none."""
+    """Return a warning that names the random effects with zero variance; empty without such effects."""
     return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
 class _WithConstant:
-    """A fitted model with an intercept. Contrasts omit the intercept; estimates get ``note``."""
+    """A fitted model with an intercept. Contrasts do not contain the intercept. Estimates contain ``note``."""
 
     def __init__(self, fitted: FittedModel, note: str) -> None:
         self._fitted, self._note = fitted, note
@@ -112,9 +112,9 @@ class _WithConstant:
 
 
 def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
-    """Labels (n,) of each random effect: participant, and participant by policy, robot and task.
+    """Return the labels (n,) of each random effect: participant, and participant by policy, by robot and by task.
 
-    An effect is omitted if its labels equal those of the participant, or if no two values have the same label.
+    A random effect is omitted if its labels are the same as those of participants, or if no two values share a label.
     """
     whole = [each.participant for each in observed]
     finer = {

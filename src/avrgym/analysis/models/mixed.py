@@ -1,10 +1,11 @@
-"""Linear mixed models: values of participants with random effects of participants and conditions.
+"""Linear mixed models with random effects of participants and conditions.
 
-y = X β + e. The covariance of a cluster's values is Σ_a σ_a² G_a: known matrices, each times a variance. Restricted
+y = X β + e. The covariance of a cluster's values is Σ_a σ_a² G_a: each known matrix G_a times its variance. Restricted
 maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) estimates the variances by Fisher scoring. A variance
-may be negative if all covariances stay positive definite: with a bound at zero, tests of few participants have too
-many false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53, 1997). For
-a single effect, the degrees of freedom are Satterthwaite's, with the adjusted covariance.
+may be negative if all covariances stay positive definite. If variances were bounded at zero, tests of few participants
+would have too many false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics
+53, 1997). For a single effect, the degrees of freedom are Satterthwaite's, and the variance is from the adjusted
+covariance.
 """
 
 from collections.abc import Sequence
@@ -20,13 +21,13 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 8
 TOLERANCE = 1e-10
 MAX_SINGULAR_SHARE = 1e-8
-"""A random effect counts as zero if its variance is at most this share of the residual variance."""
+"""The variance of a random effect counts as zero if it is at most this share of the residual variance."""
 NOT_CONVERGED = "the values do not separate variance between and within participants"
 
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """Coefficients (p,), variances (v,) with the residual variance last, and covariances.
+    """Fitted model: coefficients (p,), variances (v,) with the residual variance last, and covariances.
 
     ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``covariance_derivatives``
     (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance
@@ -42,14 +43,14 @@ class MixedFit:
 
     @property
     def zero_variances(self) -> list[int]:
-        """Indices of random effects with zero or negative variance. If there are any, the fit is singular."""
+        """Indices of the random effects with zero or negative variance. If there are any, the fit is singular."""
         *groups, single = self.variances.tolist()
         return [
             place for place, variance in enumerate(groups) if variance <= MAX_SINGULAR_SHARE * abs(single)
         ]
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Estimate of a contrast (p,), by Student's t."""
+        """Return the estimate of a contrast (p,), by Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         gradient = np.einsum("i,vij,j->v", contrast, self.covariance_derivatives, contrast)
         spread = float(gradient @ self.variance_covariance @ gradient)
@@ -63,7 +64,7 @@ class MixedFit:
 
 @dataclass(frozen=True, eq=False)
 class _Cluster:
-    """Values (n,), design matrix (n, p), and the matrices (v, n, n) that the variances multiply."""
+    """One cluster: values (n,), design matrix (n, p), and ``parts`` (v, n, n), the matrices G_a of the variances."""
 
     values: FloatArray
     design_matrix: FloatArray
@@ -72,7 +73,7 @@ class _Cluster:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Restricted log-likelihood, score, information and estimates at given variances."""
+    """Restricted log-likelihood, score (v,), information (v, v) and estimates at given variances. See ``_state``."""
 
     likelihood: float
     score: FloatArray
@@ -90,10 +91,10 @@ def fit_mixed(
 
     Args:
         values: the dependent variable (n,).
-        design_matrix: the matrix (n, p) of the fixed effects, with an intercept.
+        design_matrix: the design matrix (n, p) of the fixed effects, with an intercept.
         clusters: cluster of each value (n,); values of different clusters are independent.
-        groupings: random effects within clusters. Labels (n,): equal labels share a random intercept. Covariates
-            (n, k): random slopes with one common variance.
+        groupings: an array for each random effect. Labels (n,): values with equal labels share a random intercept.
+            Covariates (n, k): random slopes with one common variance.
 
     Raises:
         FitError: if the values do not identify effects or variances.
@@ -135,14 +136,14 @@ def _clusters(
 
 
 def _part(grouping: FloatArray) -> FloatArray:
-    """The matrix (n, n) that a variance multiplies: 1 for equal labels, or the product of covariates."""
+    """Return G_a (n, n) of a random effect in one cluster: 1 for equal labels, or Z Zᵀ for covariates Z."""
     if grouping.ndim == 1:
         return (grouping[:, None] == grouping).astype(float)
     return grouping @ grouping.T
 
 
 def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
-    """State and variances at the maximum of the restricted likelihood."""
+    """Return state and variances at the maximum of the restricted likelihood. ``count``: number of variances."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
     state = _state(clusters, variances)
@@ -159,9 +160,9 @@ def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_Sta
 def _take_step(
     clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
 ) -> tuple[FloatArray, _State | None]:
-    """Variances and state after a step. The step is halved until the likelihood does not decrease.
+    """Return variances and state after a step. The step is halved until the likelihood does not decrease.
 
-    The state is ``None`` if the likelihood decreases after ``MAX_HALVINGS`` halvings too.
+    If the likelihood decreases in ``MAX_HALVINGS`` attempts, the variances are unchanged and the state is ``None``.
     """
     for _ in range(MAX_HALVINGS):
         tried = _state(clusters, variances + step)
@@ -172,7 +173,7 @@ def _take_step(
 
 
 def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
-    """The state at these variances; ``None`` if a covariance is not positive definite.
+    """Return the state at these variances; ``None`` if a cluster's covariance is not positive definite.
 
     W is the inverse of a cluster's covariance, G_a the matrix of variance a. ``singles`` is the sum of Xᵀ W G_a W X
     over clusters, ``pairs`` the sum of Xᵀ W G_a W G_b W X.

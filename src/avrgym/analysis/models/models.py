@@ -1,4 +1,4 @@
-"""Regression models of the quantities that a study measures in trials."""
+"""Regression models of answers, scores, success and reward in trials."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ NO_ODDS_RATIO = f"{NO_ESTIMATE}, or the model is mixed"
 
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
-    """One effect in the regression model of ``quantity``: the difference between ``group_a`` and ``group_b``."""
+    """One effect in the regression model of ``quantity``: ``group_a`` minus ``group_b``."""
 
     simulated: IsSimulated
     questionnaire: Annotated[str, Column("Questionnaire of the quantity.", empty="success and reward")] = ""
@@ -106,19 +106,20 @@ class ModelRow:
 
 
 MAX_ORDINAL_POINTS = 11
-"""Answers on scales with more points have a mixed model (as continuous values)."""
+"""Maximum number of points for an ordinal model. Answers on longer scales are continuous values in a mixed model."""
 SUCCESS, REWARD = "success", "reward"
 ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
-"""The tables from which values come."""
+"""Names of the tables that contain the values of a model group."""
 TrialKey = tuple[str, int]
-"""Pseudonym and position of a trial."""
+"""A trial: pseudonym of the participant, and position of the trial."""
 
 
 @dataclass(frozen=True)
 class ModelGroup:
-    """Quantities with tests that are corrected together, the kind of model of each, and the table of their values.
+    """Quantities with tests that are corrected together.
 
-    ``questionnaire``: the questionnaire of answers or scores; otherwise empty.
+    ``models``: kind of model by quantity. ``rows``: name of the table with the values. ``questionnaire``: name of the
+    questionnaire of answers or scores; empty for success and reward.
     """
 
     name: str
@@ -127,12 +128,12 @@ class ModelGroup:
     questionnaire: str = ""
 
     def family(self, kind: str) -> str:
-        """Name of the family of tests of one kind of effect. Its tests are corrected together."""
+        """Return the name of the family of tests for one kind of effect. These tests are corrected together."""
         return f"{kind}, {self.name}"
 
 
 def model_groups(design: Design) -> Iterator[ModelGroup]:
-    """The model groups of a study design."""
+    """Yield the model groups of a study design: answers, scores, then success and reward."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
@@ -153,7 +154,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of model effects by name, each with its quantities. The analysis plan can name them."""
+    """Return the families of model effects that a plan can name, each with its quantities."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)
@@ -166,7 +167,7 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def trial_values(
     design: Design, data: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
-    """Values of each quantity of a group in counted trials, of people or of simulated participants."""
+    """Return the values of each quantity in counted trials, of people or of simulated participants."""
     counted = {
         (row.participant, row.position) for row in data.trials if row.counted and row.simulated is simulated
     }
@@ -179,7 +180,7 @@ def trial_values(
 
 
 def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
-    """Quantity, trial and value from the group's table."""
+    """Yield quantity, trial and value for each value in the table of the model group."""
     if source.rows == ANSWERS:
         for row in data.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
@@ -198,7 +199,7 @@ def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 
 
 def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
-    """The position of every completed trial in its session, without practice. All values are zero."""
+    """Return the condition and the position of each completed trial without practice; ``value`` is zero in all."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
     block, place = 0, 0
@@ -220,9 +221,9 @@ def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[Tria
 
 
 def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> list[ModelRow]:
-    """Every effect on every quantity, separately for people and simulated participants.
+    """Return a row for each effect on each quantity, separately for people and simulated participants.
 
-    Effects in ``plan`` are confirmatory.
+    Effects in the hypotheses of ``plan`` are confirmatory.
     """
     rows: list[ModelRow] = []
     for simulated in sorted({row.simulated for row in data.trials if row.counted}):
@@ -234,7 +235,7 @@ def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> lis
 def group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """All effects on a group's quantities, by kind, with corrected p."""
+    """Return a row for each effect on the quantities of a model group, by kind of effect, with Holm's correction."""
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
     for kind in EFFECTS:
@@ -247,7 +248,7 @@ def group_rows(
 def _quantity_rows(
     design: Design, source: ModelGroup, simulated: bool, quantity: str, observed: Sequence[TrialValue]
 ) -> Iterator[ModelRow]:
-    """All effects in the model of one quantity."""
+    """Yield a row for each effect in the model of one quantity."""
     model, wanted = source.models[quantity], effects(design)
     kept, left_out = drop_constant_groups(model, observed)
     found, without = (
@@ -278,7 +279,7 @@ def _quantity_rows(
 def _leave_one_out(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> list[EffectEstimates]:
-    """Estimates of the effects in all leave-one-participant-out models."""
+    """Return the estimates of the effects from each leave-one-participant-out model."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
         estimate_effects(design, model, [each for each in observed if each.participant != name], wanted)
@@ -306,7 +307,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
 
 
 def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
-    """The row with the range of its estimates over the leave-one-participant-out models."""
+    """Return the row with the ranges of estimate and p over the leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
         return row
@@ -322,6 +323,6 @@ def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -
 
 
 def _label(plan: Plan | None, row: ModelRow) -> str:
-    """Status by the plan: confirmatory if a hypothesis contains the effect, otherwise exploratory."""
+    """Return the plan status of an effect: confirmatory if a hypothesis contains it, otherwise exploratory."""
     judged = plan is not None and plan.hypotheses_of(row.family, row.quantity)
     return CONFIRMATORY if judged else EXPLORATORY

@@ -1,11 +1,11 @@
-"""Proportional odds models of ordinal answers, with participants as clusters (two categories: logistic regression).
+"""Proportional odds models of ordinal answers, with participants as clusters; for two categories, logistic regression.
 
 P(Y ≤ k) = 1 / (1 + exp(x β − θ_k)) (McCullagh, J. R. Statist. Soc. B 42, 1980). A positive β makes higher answers more
 probable; exp(β) is an odds ratio. Generalised estimating equations with independence as the working correlation give
 the estimates. The covariance is robust to any dependence within a participant (Liang and Zeger, Biometrika 73, 1986),
-but too small for few participants. The residuals of each participant are therefore divided by one minus their
-leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its square root (Kauermann and Carroll, J. Am. Statist. Assoc.
-96, 2001).
+but too small for few participants. The residuals of each participant are therefore divided by (1 − leverage)
+(Mancl and DeRouen, Biometrics 57, 2001), or by √(1 − leverage) (Kauermann and Carroll, J. Am. Statist. Assoc. 96,
+2001).
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ MAX_ITERATIONS = 60
 TOLERANCE = 1e-12
 NOT_IDENTIFIED = "not all effects are identifiable from the values"
 MAX_LOG_ODDS = 12.0
-"""Larger effects (in log odds) count as unbounded: the groups are separated."""
+"""Effects above this limit (in log odds) count as unbounded: the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
-"""Corrections: residuals are divided by one minus the leverage, to this power."""
+"""Corrections of the covariance: residuals are divided by (1 − leverage) to this power."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrdinalFit:
-    """Thresholds (k,) between categories, coefficients (p,), and their covariance (p, p)."""
+    """Fitted model: thresholds (k,) between categories, coefficients (p,), and their covariance (p, p)."""
 
     thresholds: FloatArray
     coefficients: FloatArray
@@ -35,7 +35,7 @@ class OrdinalFit:
     clusters: int
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Estimate of a contrast (p,) in log odds. Student's t has one degree of freedom fewer than clusters."""
+        """Return the estimate of a contrast (p,) in log odds, by Student's t with (clusters − 1) degrees of freedom."""
         variance = float(contrast @ self.covariance @ contrast)
         return Estimate.from_variance(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
@@ -49,7 +49,7 @@ def fit_ordinal(
         values: the answers (n,).
         design: the design matrix (n, p) without intercept.
         clusters: cluster of each answer (n,).
-        correction: the covariance's correction for few clusters.
+        correction: the power in the correction of the covariance for few clusters.
 
     Raises:
         FitError: if all answers are equal, an effect is unbounded, or one cluster alone determines an effect.
@@ -69,9 +69,10 @@ def fit_ordinal(
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
-    """Covariance (p, p) of the estimates, from each cluster's score (c, p) and expected information (c, p, p).
+    """Return the covariance (p, p) of the estimates.
 
-    The leverage of a cluster is Lᵀ I L. I is the cluster's information, and L Lᵀ the inverse of the total information.
+    ``scores`` (c, p) and ``information`` (c, p, p): score and expected information of each cluster. The leverage of a
+    cluster is Lᵀ I L. I is the information of the cluster, and L Lᵀ is the inverse of the total information.
     """
     root = _root_of_inverse(information.sum(axis=0))
     leverage: FloatArray = root.T @ information @ root
@@ -92,7 +93,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
-    """Maximum likelihood estimates by Fisher scoring: thresholds, then coefficients."""
+    """Return the maximum likelihood estimates: thresholds, then coefficients. The method is Fisher scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
@@ -123,7 +124,7 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
 def _derivatives(
     parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Log-likelihood, score (n, q) and expected information (n, q, q) of each answer.
+    """Return the log-likelihood of all answers, and score (n, q) and expected information (n, q, q) of each answer.
 
     The log-likelihood is −∞ if the thresholds are not in order.
     """

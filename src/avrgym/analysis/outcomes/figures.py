@@ -32,13 +32,13 @@ SIMULATION = "simulation"
 
 
 def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Success rate of each condition with its confidence interval, next to the result in simulation."""
+    """Draw the success rate of each condition in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
 def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Mean reward of each condition with its confidence interval, next to the result in simulation."""
+    """Draw the mean reward of each condition in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
 

@@ -32,9 +32,9 @@ _NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Results of the counted trials of a condition.
+    """Results of the counted trials in one condition.
 
-    Rows for all tasks together have no reward, because rewards of different tasks are not comparable.
+    Results for all tasks together have no reward, because rewards of different tasks are not comparable.
     """
 
     simulated: IsSimulated
@@ -69,7 +69,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationResult:
-    """Results of a policy in simulation; the source is the policy file."""
+    """Results of a policy in simulation, from the policy file. Missing results are ``None``."""
 
     simulation_population: Annotated[
         str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
@@ -104,14 +104,15 @@ class SimulationResult:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveRow(SimulationResult, Outcome):
-    """Results of a condition's counted trials, next to the results of the same policy in simulation."""
+    """Results of the counted trials in one condition, and results of the same policy in simulation."""
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
-    """A row for each condition, and for each robot and policy over all tasks.
+    """Return a row for each condition, then a row over all tasks for each robot and policy.
 
-    People and simulated participants have separate rows. Reward intervals use Student's t over trials, with one trial
-    for each participant. Success intervals account for several trials of one participant.
+    People and simulated participants have separate rows. Confidence intervals of rewards use Student's t over
+    trials: each participant has one trial in a condition. Intervals of success account for several trials of one
+    participant.
     """
     design = store.design
     beside = {
@@ -136,7 +137,7 @@ def _condition(
 
 
 def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """Results of the counted trials of a condition; task ``ALL`` means all tasks together."""
+    """Return the results of one condition from counted trials. Task ``ALL`` means all tasks together."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
@@ -159,7 +160,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Success of each trial, one list for each participant."""
+    """Return the success of each trial, in one list for each participant."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -169,7 +170,7 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """Mean and 95 % confidence interval. A result is ``None`` if there are too few values for it."""
+    """Return the mean and the bounds of its 95 % confidence interval; ``None`` where there are too few values."""
     if not values:
         return None, None, None
     mean = fmean(values)
@@ -177,7 +178,7 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 
 
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
-    """Results of the study's policy in simulation, on its training population.
+    """Return the results of a policy in simulation, with its training population.
 
     Training measured these results and stored them in the policy file.
     """
@@ -198,7 +199,7 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Success over all tasks, if every task was measured. Rewards of different tasks are not comparable."""
+    """Return the success rate over all tasks, if all were evaluated. There is no reward: rewards are not comparable."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was measured in simulation")
@@ -217,7 +218,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
 def _as_measured(
     people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
 ) -> SimulationResult:
-    """Results with confidence intervals; ``deviation`` is the population standard deviation over episodes."""
+    """Return the results with confidence intervals. ``deviation``: standard deviation with divisor ``episodes``."""
     sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
     low, high = t_interval(mean, sample_deviation, episodes)
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
@@ -249,16 +250,16 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""Each quantity, and the function that returns its value in a trial."""
+"""Objective measures by name, each with the function that returns its value in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of these tests by name, each with its quantities; empty if the design has a single policy."""
+    """Return the family of tests of objective measures, with its quantities; empty for a design with one policy."""
     return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 
 def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
-    """Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
+    """Return Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
     if not outcome_tests(design):
         return []
     counted = [row for row in trials if row.counted]

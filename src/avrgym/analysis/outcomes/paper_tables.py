@@ -29,7 +29,7 @@ EMPTY_CELL = Cell(None, None)
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table about people or about simulated participants: a row of cells for each task and for all tasks."""
+    """A table about people or about simulated participants. ``rows``: a row for each task, then one for all tasks."""
 
     name: str
     caption: str
@@ -47,15 +47,15 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
 
 
 SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
-"""The two sides of table I, each with the function that returns the cell of a condition."""
+"""The two halves of Table I by name, each with the function that returns the cell of a condition."""
 Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
-"""Robot, policy and the function that returns the cell of that condition."""
+"""A table column: robot, policy, and the function that returns the cell of a condition."""
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Table I for each policy, then table II; first for people, then for simulated participants.
+    """Yield Table I for each policy, then Table II; first for people, then for simulated participants.
 
-    A robot without results in simulation has no column for simulation.
+    In Table I, a robot without results in simulation has no simulation column.
     """
     for simulated in sorted({row.simulated for row in rows}):
         own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
@@ -85,7 +85,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 def _cells(
     design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
 ) -> dict[str, tuple[Cell, ...]]:
-    """The cells of each task and of all tasks; ``rows`` are by task, robot and policy."""
+    """Return the cells of each task and of all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
         for task in (*design.tasks, ALL)
@@ -93,7 +93,7 @@ def _cells(
 
 
 def file_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """The tables for files, with separate columns for reward and success.
+    """Yield the tables for CSV files, with separate columns for reward and success.
 
     Rows about people are first, then rows about simulated participants.
     """

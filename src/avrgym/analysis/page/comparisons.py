@@ -15,14 +15,14 @@ from avrgym.analysis.page.elements import (
 from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
 
 TestTables = dict[str, Markup]
-"""Tables of tests by caption. Each section of the report removes the tables that it shows."""
+"""Tables of tests by caption. A report section removes a table from this dictionary when it shows the table."""
 
 
 # Tests
 
 
 def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
-    """Tables of all tests of people or of simulated participants, by caption."""
+    """Return the tables of all tests of one group (people or simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table == caption for row in family.rows]
@@ -32,12 +32,12 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
 
 
 def other_tests(tests: TestTables) -> Markup:
-    """The tables of tests that no other section shows."""
+    """Return a section with the remaining tables, which no other section shows; empty if none remains."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """A table of tests by participant, and a table of tests by trial as a supplement."""
+    """Return a table of the tests by participant, and a folded table of the tests by trial as a supplement."""
     by_trial = [row for row in rows if row.unit == TRIAL]
     by_participant = [row for row in rows if row.unit != TRIAL]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
@@ -52,7 +52,7 @@ TESTS_BY_TRIAL = (
 
 
 def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """A table of tests, with their plan status if there is a plan."""
+    """Return a table of tests, with their plan status if there is a plan."""
     planned, corrected = any(row.plan_status for row in rows), any(row.p_primary is not None for row in rows)
     heads = (
         "Quantity", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
@@ -73,19 +73,22 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
 
 
 def p_primary_text(p_primary: float | None) -> str:
-    """The corrected p of a primary result; a dash for other results."""
+    """Return corrected p of a primary result as text; a dash for other results (``None``)."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
 def n_text(row: ComparisonRow) -> str:
-    """Number of values in a test: of each group if unpaired, otherwise of pairs with and without a difference."""
+    """Return the number of values as text.
+
+    Groups of different sizes: the size of each group. Otherwise: the number of values, and of omitted zero differences.
+    """
     if row.n_a != row.n_b:
         return f"{row.n_a} / {row.n_b}"
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
 
 
 def p_primary_and_stars(row: ComparisonRow) -> str:
-    """Corrected p and stars as text in a figure."""
+    """Return corrected p and stars as text for a figure."""
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"

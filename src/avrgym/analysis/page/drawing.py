@@ -1,4 +1,4 @@
-"""Figures of a study, as separate files and inside a page with the page's colours."""
+"""Figures of a study: as separate files, and inside a page in the colours of the page."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,16 +21,16 @@ from avrgym.analysis.page.elements import Markup, figure, tag
 INK, GROUND, RULE, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
 LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
 ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
-"""Colours of numbers on dark and on light bars, the same on every page."""
+"""Text colours on dark and on light bars. They are the same in light and in dark mode."""
 _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
     colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)
 }
-"""Colours for a page (light or dark), by the colours for a file that they replace."""
+"""CSS colour inside a page, by the colour in a file that it replaces."""
 WIDTH_IN = 5.0
 CHARACTER_WIDTH_IN = 0.066
-"""Estimated width of a character in ticks, legends and items, slightly above the mean."""
+"""Estimated width of a character in tick labels, legends and items; slightly above the mean width."""
 GROUP_WIDTH = 0.8
-"""Width of a group of bars, relative to the distance between groups."""
+"""Width of a group of bars, as a share of the distance between group centres."""
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",
@@ -56,28 +56,28 @@ STYLE: Any = {
 
 
 class Drawing:
-    """A figure with name and caption. SVG files contain text as text; PDF files contain the fonts."""
+    """A figure with name and caption. Text remains text in SVG files. PDF files contain the fonts."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
-        """Store a drawn figure. ``name``: the file name without suffix. ``caption``: a description for readers."""
+        """Store a finished figure. ``name``: the file name without suffix. ``caption``: a description for readers."""
         self.name, self.caption, self.figure = name, caption, figure
         self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
     def svg(self) -> bytes:
-        """The contents of the SVG file, in the colours of a white page."""
+        """Return the contents of the SVG file, in colours for a white background."""
         return self._svg
 
     def pdf(self) -> bytes:
-        """The contents of the PDF file, without a date: equal figures have equal bytes."""
+        """Return the contents of the PDF file. It contains no date: equal figures result in equal bytes."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
-        """Write the SVG and the PDF file into a folder."""
+        """Write the figure as SVG and as PDF into a folder."""
         (folder / f"{self.name}.svg").write_bytes(self.svg())
         (folder / f"{self.name}.pdf").write_bytes(self.pdf())
 
     def inline(self) -> Markup:
-        """The figure as SVG inside a page, with unique ids, the page's colours, and the caption for screen readers."""
+        """Return an SVG element for a page: with unique ids, the page's colours, and the caption for screen readers."""
         svg = self._svg.decode()
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
         for colour, shown in _IN_PAGE.items():
@@ -92,7 +92,7 @@ class Drawing:
 
 
 def add_legend(figure: Figure, columns: int) -> None:
-    """Add a legend below the figure, with each label once. Without labels, nothing is added."""
+    """Add a legend below the figure; each label appears once. Without labels, no legend is added."""
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -105,13 +105,13 @@ def add_legend(figure: Figure, columns: int) -> None:
 
 
 def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
-    """Label the positions 0, 1, … of the x axis. Labels are vertical if they need more than ``width_in``."""
+    """Label the positions 0, 1, … of the x axis. Labels are vertical if together they are wider than ``width_in``."""
     longest = CHARACTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
 def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
-    """Turn a figure into a drawing. Figures of simulated participants are marked."""
+    """Return the figure as a drawing. A figure of simulated participants is marked in picture, name and caption."""
     if simulated:
         figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
     suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")

@@ -1,4 +1,4 @@
-"""HTML elements of reports. A report is one file without external resources, for narrow and wide screens."""
+"""HTML elements of reports. A report page has no external resources and fits narrow and wide screens."""
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -54,11 +54,11 @@ figure svg { display: block; width: 100%; height: auto; }
 
 
 class Markup(str):
-    """HTML source. Text of other types is escaped."""
+    """HTML source. ``tag`` does not escape it; all other values are escaped."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
-    """An HTML element; ``class_`` and ``aria_label`` set the attributes class and aria-label."""
+    """Return an HTML element. ``class_`` sets the attribute class; ``aria_label`` sets aria-label."""
     content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
     settings = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
@@ -67,12 +67,12 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join(parts: Sequence[Markup]) -> Markup:
-    """Concatenate elements."""
+    """Return the concatenated elements."""
     return Markup("".join(parts))
 
 
 def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
-    """Write a page and, if needed, its folder. Returns the path."""
+    """Write an HTML page, and create its folder if needed. Returns ``path``."""
     head = tag("title", title) + tag("style", Markup(CSS))
     body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
     page = (
@@ -86,34 +86,34 @@ def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[
 
 
 def warning_box(strong: str, text: str) -> Markup:
-    """A warning at the top of a page."""
+    """Return a warning paragraph, which begins with the bold text ``strong``."""
     return tag("p", tag("strong", f"{strong} "), text, class_="notice", role="note")
 
 
 def badge(text: str) -> Markup:
-    """A small label."""
+    """Return a small coloured label."""
     return tag("span", text, class_="badge")
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """A list of names with their values."""
+    """Return a list of names with their values."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
 def bullet_list(items: Sequence[Any]) -> Markup:
-    """A bullet list."""
+    """Return a bullet list."""
     return tag("ul", *(tag("li", item) for item in items))
 
 
 def figure(picture: Markup, caption: str) -> Markup:
-    """A picture with its caption."""
+    """Return a picture with its caption."""
     return tag("figure", picture, tag("figcaption", caption))
 
 
 def table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> Markup:
-    """A table that scrolls on narrow screens; ``numbers`` are the right-aligned columns."""
+    """Return a table that scrolls on narrow screens. ``numbers``: indices of the right-aligned columns."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
     head = [
         tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
@@ -128,27 +128,27 @@ def table(
 
 
 def short_number(value: float | None) -> str:
-    """The number as text with three significant digits."""
+    """Return the number as text with three significant digits; a dash for ``None``."""
     return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:
-    """The number as text with ``digits`` decimals and its unit; ``absent`` if there is none."""
+    """Return the number as text with ``digits`` decimals and its unit; ``absent`` for ``None``."""
     return absent if value is None else f"{value:z.{digits}f} {unit}".rstrip().replace("-", "−")
 
 
 def time_text(at: str | None) -> str:
-    """A time stamp (ISO 8601) as text, to the minute."""
+    """Return a time stamp (ISO 8601) as text with date, hour and minute."""
     return "unknown" if at is None else datetime.fromisoformat(at).strftime("%Y-%m-%d %H:%M")
 
 
 def count_text(number: int, noun: str) -> str:
-    """A number with its noun, such as "2 trials"."""
+    """Return a number with its noun, such as "2 trials"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """A rate (0 to 1) as a percentage, with its confidence interval if there is one."""
+    """Return a rate (0 to 1) as a percentage, with its confidence interval if there is one."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -156,13 +156,13 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
 
 
 def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
-    """An effect size as text, with its 95 % confidence interval if there is one."""
+    """Return an effect size as text, with its 95 % confidence interval if there is one."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends
 
 
 def p_text(p: float | None) -> str:
-    """A p value as text with three decimals."""
+    """Return a p value as text with three decimals; "no test" for ``None``."""
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
@@ -177,5 +177,5 @@ def empty_section(title: str, text: str) -> Markup:
 
 
 def group_caption(caption: str, simulated: bool) -> str:
-    """The caption; if it is about simulated participants, with a mark."""
+    """Return the caption. The caption of simulated participants is marked."""
     return f"{caption} (simulated participants)" if simulated else caption

@@ -1,4 +1,4 @@
-"""Statistical power of a study's tests, estimated from simulated studies that are analysed in the same way."""
+"""Statistical power of a study's tests, estimated from simulated studies. They are analysed like real studies."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,21 +32,21 @@ from avrgym.system.jobs import report, run_all
 ALPHA = 0.05
 TARGET_POWERS = (0.8, 0.9)
 STUDIES_PER_JOB = 100
-"""Number of studies in one job of a process."""
+"""Number of simulated studies in one job. A process runs one job at a time."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 Probability = float | None
 Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
-"""By test and measure: p, and p after correction over all primary results."""
+"""For each (test, measure): p, and p after correction over all primary results; ``None`` without a test."""
 
 
 @dataclass(frozen=True)
 class PowerRow:
-    """Power of one test of ``measure`` at one effect size, in points of a seven-point scale.
+    """Power of one test of ``measure``. ``effect``: simulated effect size in points of a seven-point scale.
 
     ``participants``: number of participants who completed each study. ``power``: share of studies with p below 0.05.
     ``corrected_power``: share with p below 0.05 after correction over all primary results. Intervals: Wilson's, 95 %.
-    Models are sensitivity analyses without correction.
+    p of models is not corrected: they are sensitivity analyses.
     """
 
     effect: float
@@ -63,7 +63,7 @@ class PowerRow:
 
 
 def default_participant_numbers(design: Design) -> tuple[int, ...]:
-    """Default numbers of participants: multiples of the number of orders, and the planned number."""
+    """Return default numbers of participants: multiples of the number of trial orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
@@ -81,17 +81,17 @@ def simulate_power(
 ) -> list[PowerRow]:
     """Estimate the power of the primary tests, and of the model of the first item.
 
-    There is a row for each effect and number of participants. Studies without an effect have the planned number of
-    participants.
+    Returns a row for each effect, number of participants and test. In addition, studies without an effect are simulated
+    with the planned number of participants.
 
     Args:
-        design: the design; its first questionnaire after trials is simulated.
+        design: the study design. Answers to its first questionnaire after trials are simulated.
         assumptions: the assumed variation of answers.
         effects: effect sizes, in points of a seven-point scale.
         sizes: numbers of participants who complete a study.
         simulations: number of simulated studies for each effect and size.
-        seed: the same seed gives the same results, for any number of jobs.
-        jobs: number of processes.
+        seed: the random seed. Results with the same seed are the same for any number of jobs.
+        jobs: number of parallel processes.
         progress: called repeatedly with the number of finished studies and their total number.
 
     Raises:
@@ -119,13 +119,13 @@ def simulate_power(
 
 
 Counts = Mapping[tuple[str, str], tuple[int, int]]
-"""By test and measure: number of studies with p below 0.05, and with corrected p below 0.05."""
+"""For each (test, measure): number of studies with p below 0.05, and number with corrected p below 0.05."""
 
 
 def power_rows(
     counts: Sequence[Counts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
-    """The rows of one effect and number of participants; ``counts`` are those of the jobs."""
+    """Return the rows of one effect and number of participants. ``counts``: the counts from each job."""
     rows: list[PowerRow] = []
     for test, measure in counts[0]:
         plain, corrected = np.sum([each[test, measure] for each in counts], axis=0).tolist()
@@ -150,7 +150,7 @@ def _count_and_report(
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
-    """Number of simulated studies in which each test is significant."""
+    """Return the number of studies in which each test is significant. ``numbers``: the studies to simulate."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
@@ -174,10 +174,10 @@ def _is_significant(p: Probability) -> bool:
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
-    """p and corrected p of each test, computed as in the analysis.
+    """Return p and corrected p of each reported test, computed as in the analysis.
 
-    The last policy's first item is compared with the midpoint. Each item is compared between last and first policy.
-    The objective measures (participants, policies, measures) only affect the correction.
+    Answers to the first item with the last policy are compared with the midpoint. Answers to each item are compared
+    between last and first policy. ``objective`` (participants, policies, measures) only affects the correction.
     """
     exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, MEAN_DECIMALS)
@@ -195,7 +195,7 @@ def p_values(
 
 
 Named = tuple[tuple[str, str] | None, FloatArray]
-"""Test and measure, or ``None`` if its power is not reported; and each participant's difference."""
+"""(test, measure), and the difference of each participant. ``None``: the power of this test is not reported."""
 
 
 def _primary(
@@ -204,7 +204,7 @@ def _primary(
     means: FloatArray,
     objective: FloatArray,
 ) -> Iterator[Named]:
-    """The primary tests of a simulated study."""
+    """Yield the primary tests of a simulated study. ``means``: (participants, policies, items)."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
@@ -224,9 +224,10 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float
 ) -> int | None:
-    """Required number of participants: from this simulated number on, corrected power is at least ``target_power``.
+    """Return the smallest sufficient number of participants among the simulated numbers.
 
-    ``None`` if no simulated number is enough.
+    At this number and at all larger ones, corrected power is at least ``target_power``. ``None`` if no simulated number
+    is enough.
     """
     own = sorted(
         (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),
@@ -241,10 +242,10 @@ def required_participants(
 
 
 def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:
-    """Test the last policy against the first one in the model of the first item after trials.
+    """Fit the model of the first item after trials, and test the last policy against the first policy.
 
     Returns:
-        The name of the family, and p; ``None`` if the answers do not identify the model.
+        The name of the test family, and p. p is ``None`` if the answers do not identify the model.
     """
     source = next(model_groups(design))
     model = next(iter(source.models.values()))
@@ -257,7 +258,7 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
 
 
 def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
-    """Values (participants, tasks, robots, policies) as trials, in each participant's order."""
+    """Return the values (participants, tasks, robots, policies) as trials, in the trial order of each participant."""
     return [
         observed
         for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)

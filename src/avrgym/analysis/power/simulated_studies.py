@@ -1,4 +1,4 @@
-"""Simulate participants' answers in a study design, with assumed effects."""
+"""Simulate the answers of participants in a study, with assumed effects of policies."""
 
 from dataclasses import dataclass, fields
 
@@ -16,19 +16,20 @@ from avrgym.system import random_streams
 Answers = NDArray[np.int_]
 """Answers of participants who completed the study: (participants, tasks, robots, policies, items)."""
 SCALE_POINTS = 7
-"""Effects and deviations are in points of a scale with this number of points; other scales are in proportion."""
+"""Effects and standard deviations are in points of a seven-point scale. For other scales, they are rescaled."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
     """Assumed variation of answers, as standard deviations in points of a seven-point scale.
 
-    ``participant_sd``: leniency of participants. ``policy_sd``: participants' preferences for policies. ``task_sd``:
+    ``participant_sd``: leniency of participants. ``policy_sd``: individual preferences for policies. ``task_sd``:
     differences between tasks that are the same for all participants. ``noise_sd``: residual. ``drift``: increase of
-    ratings from the first to the last trial of a session, in points. ``dropout``: share of participants who withdraw
-    and are replaced.
+    mean ratings from the first to the last trial of a session, in points. ``dropout``: share of participants who
+    withdraw and are replaced.
 
-    None of these is measured. Together they result in a standard deviation of answers of about 1.5 points.
+    These values are assumed, not measured. Together, they result in a standard deviation of answers of about 1.5
+    points.
     """
 
     participant_sd: float = 0.8
@@ -49,18 +50,18 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """Midpoint of an item's scale, if the scale starts at 1 (as in these simulations)."""
+    """Return the midpoint of an item's scale. In these simulations, every scale starts at 1."""
     return (1 + item.points) / 2
 
 
 class SimulatedStudies:
-    """Simulated studies of one design. Studies with the same number have the same random values for every effect.
+    """Simulated studies of one design. Random values of study ``number`` do not depend on the effect.
 
-    The first participants of a study do not depend on the number of participants.
+    A study with more participants contains the participants of a smaller study with the same ``number``.
     """
 
     def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
-        """Raises ``ValueError`` if the design has no questionnaire after trials."""
+        """Store the parameters. Raises ``ValueError`` if the design has no questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
             raise ValueError("the design has no questionnaire after trials: there is nothing to simulate")
@@ -72,9 +73,10 @@ class SimulatedStudies:
         self._points = np.array([item.points for item in asked[0].items])
 
     def answers(self, effect: float, participants: int, number: int) -> Answers:
-        """Answers in study ``number`` with this number of completed participants.
+        """Return the answers of the participants who complete study ``number``.
 
-        Without noise, the last policy is rated ``effect`` points above the midpoint, and all others at the midpoint.
+        Without random variation and drift, the last policy is rated ``effect`` points above the midpoint, and all other
+        policies at the midpoint.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
         rng = random_streams.simulated_study(self._seed, number, 0)
@@ -97,18 +99,18 @@ class SimulatedStudies:
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
     def orders(self, participants: int, number: int) -> list[Order]:
-        """The order of trials of each participant who completes study ``number``."""
+        """Return the order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
         orders = cell_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
     def objective(self, participants: int, number: int) -> FloatArray:
-        """Success, reward and force in study ``number``, without an effect of policies: (participants, policies, 3)."""
+        """Return random success, reward and force (participants, policies, 3). Policies have no effect on them."""
         rng = random_streams.simulated_study(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
-        """Simulate allocation and dropout of enrolled participants, until enough of them complete the study.
+        """Simulate enrolment and dropout until ``participants`` people complete the study.
 
         Orders are assigned as in a real study: the order of a withdrawn participant is assigned again.
 
@@ -125,7 +127,7 @@ class SimulatedStudies:
         return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> FloatArray:
-        """Position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
+        """Return the position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
         orders = cell_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))

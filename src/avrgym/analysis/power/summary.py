@@ -1,4 +1,4 @@
-"""Results of a power simulation: JSON, a table for the terminal, and sentences."""
+"""Results of a power simulation as JSON, as a table for the terminal, and as sentences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from avrgym.study.design.design import Design
 def power_summary(
     design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
-    """Assumptions, power, required numbers of participants and descriptions, for JSON."""
+    """Return assumptions, power, required numbers of participants and descriptions, for JSON."""
     return {
         "title": design.title,
         "seed": seed,
@@ -26,7 +26,10 @@ def power_summary(
 
 
 def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
-    """Required numbers of completed and of enrolled participants; ``None`` if no simulated number is enough."""
+    """Return the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
+
+    Both are ``None`` if no simulated number is enough.
+    """
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
         for target_power in TARGET_POWERS:
@@ -40,7 +43,7 @@ def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> lis
 
 
 def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
-    """A row for each effect, test and measure: corrected power by number of participants, then the required numbers."""
+    """Return a row for each effect, test and measure: corrected power by number of participants, required numbers."""
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
         {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
@@ -75,7 +78,7 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, ta
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
-    """Sentences about the power of tests of the first item; the simulation treats all items in the same way.
+    """Yield sentences about the power of tests of the first item. The simulation treats all items in the same way.
 
     ``participants`` must be one of the simulated numbers.
     """
@@ -96,9 +99,9 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
 
 
 def min_p_value(participants: int) -> float:
-    """Smallest possible p of a Wilcoxon signed-rank test with one value per participant.
+    """Return the smallest possible p of a Wilcoxon signed-rank test with one value per participant.
 
-    Correction for multiple tests cannot make it smaller.
+    A correction for multiple testing cannot result in a smaller p.
     """
     return min(2.0 / 2.0**participants, 1.0)
 

@@ -1,4 +1,4 @@
-"""Checklist of reporting recommendations for human-robot interaction: each field, given or missing.
+"""Checklist of reporting recommendations for studies of human-robot interaction: recommended fields and their values.
 
 Our selection follows Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
 (Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the
@@ -18,7 +18,7 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 
 @dataclass(frozen=True)
 class ChecklistField:
-    """A recommended field, its value (empty if missing), and the place to set it."""
+    """A recommended field, its value (empty if missing), and the file or command that sets it (``source``)."""
 
     field: str
     value: str
@@ -26,7 +26,7 @@ class ChecklistField:
 
 
 def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    """All fields, in the order of a publication."""
+    """Return all fields, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
 

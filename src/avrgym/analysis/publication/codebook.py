@@ -1,4 +1,4 @@
-"""The codebook of the analysis tables: CSV, JSON Schema and Frictionless data package."""
+"""The codebook of the analysis tables, as rows for CSV, as JSON Schema and as Frictionless data package."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,14 +15,14 @@ PROFILE = "tabular-data-package"
 
 
 def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
-    """A row for every column of the tables, in the format of the export's codebook."""
+    """Yield a row for every column of the tables, in the format of the codebook of exports."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}
 
 
 def json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
-    """JSON Schema of the rows in ``results.json``. Every row has all columns of its table."""
+    """Return the JSON Schema of the tables in ``results.json``. Every row has all columns of its table."""
     return {
         "$schema": SCHEMA,
         "title": f"Tables of the analysis of {title}",
@@ -53,7 +53,7 @@ def _description(column: Column) -> dict[str, str]:
 
 
 def data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
-    """Descriptor of the tables' folder as a Frictionless data package (specs.frictionlessdata.io)."""
+    """Return the descriptor of the tables as a Frictionless data package (specs.frictionlessdata.io)."""
     return {
         "profile": PROFILE,
         "name": "avrgym-analysis",

@@ -1,4 +1,4 @@
-"""Tables for a publication: participants, reward and success, primary results, other tests and models."""
+"""Tables for a publication: participants, functioning, primary results, reward and success, other tests, models."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from avrgym.analysis.study import Analysis
 
 @dataclass(frozen=True)
 class PublicationTable:
-    """A table of texts; ``numbers`` are the indices of right-aligned columns."""
+    """A table for a publication. ``numbers``: indices of the right-aligned columns."""
 
     name: str
     caption: str
@@ -25,7 +25,7 @@ class PublicationTable:
 
 
 def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
-    """All tables that have rows. Captions mark simulated participants."""
+    """Yield all tables that have rows. Captions of simulated participants are marked."""
     for table in (
         _participants_table,
         _functioning_table,
@@ -60,7 +60,10 @@ def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable
 
 
 def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Functioning of people. Counts below five are suppressed, and so are counts from which they can be computed."""
+    """Return the table of functioning, for people only.
+
+    Counts below five are suppressed, and other counts from which a suppressed count could be computed.
+    """
     rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
     caption = (
         "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
@@ -106,7 +109,7 @@ def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
 
 
 def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Tests by participant that are not primary results."""
+    """Return the table of the tests by participant that are not primary results."""
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),
@@ -149,14 +152,14 @@ LATEX_ESCAPES = {
 
 
 def latex_text(text: object) -> str:
-    """Escape the special characters of LaTeX."""
+    """Return the text with special characters escaped for LaTeX."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
 
 def latex_table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> str:
-    """A LaTeX table with the same arguments as ``page.elements.table``; ``numbers`` are the right-aligned columns."""
+    """Return a LaTeX table. ``numbers``: indices of the right-aligned columns."""
     columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
     lines = [" & ".join(latex_text(cell) for cell in row) + r" \\" for row in (heads, *rows)]
     return "\n".join(

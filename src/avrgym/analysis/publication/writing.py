@@ -28,7 +28,7 @@ FILES = (
 
 
 def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
-    """Write the publication files into a new folder, and ``datapackage.json`` into the folder of the tables."""
+    """Write the publication files into the new ``folder``, and ``datapackage.json`` into ``tables``."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)

@@ -1,6 +1,6 @@
-"""Rows of tables that are read from a study: participants, trials, attempts, answers, scores and problems.
+"""Table rows that are read from a study: participants, trials, attempts, answers, scores, and others.
 
-Column names contain the unit. Positions are in the world frame: z points up, the person faces −y.
+Column names contain the unit. Positions of the head are in the world frame: z points up, the person looks along −y.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
 ALL = "all"
-"""Label of rows about all tasks together, or all robots together."""
+"""Label of a row about all tasks together, or about all robots together."""
 NOT_COMPLETED = "the trial is not completed"
 NO_RECORDING = "no complete recording contains it"
 _PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TABLES["attempts"]
@@ -73,7 +73,7 @@ class ParticipantColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantRow(ParticipantColumns):
-    """A participant, including participants who withdrew."""
+    """A participant. Participants who withdrew have rows too."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
     state: State
@@ -100,7 +100,7 @@ class ParticipantRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(ParticipantColumns):
-    """A planned trial, including trials that did not run. Its outcome is that of the completed attempt."""
+    """A planned trial. The outcome is that of the completed attempt. Trials that did not run have rows too."""
 
     participant_state: State
     sex: Sex
@@ -168,7 +168,7 @@ class TrialRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptRow(ParticipantColumns):
-    """An attempt at a trial, with its stored outcome."""
+    """An attempt at a trial, with its outcome from the database."""
 
     session: Session
     position: Position
@@ -187,7 +187,7 @@ class AttemptRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class _AnswerColumns(ParticipantColumns):
-    """Columns with the time and the trial of an answer."""
+    """Columns with the session, moment, questionnaire and trial of an answer."""
 
     counted: Counted
     session: Session
@@ -206,8 +206,8 @@ class _AnswerColumns(ParticipantColumns):
 class AnswerRow(_AnswerColumns):
     """An answer to one item.
 
-    An answer after a trial counts if the trial counts. Of the answers about sessions, two count for each participant
-    and item: the latest after a session, and the latest before that session.
+    An answer after a trial counts if the trial counts. Two answers about sessions count for each participant and item:
+    the latest answer after a session, and the latest answer before that session.
     """
 
     item: Annotated[str, _ANSWERS["item"]]
@@ -220,7 +220,7 @@ class AnswerRow(_AnswerColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRow(_AnswerColumns):
-    """The score of one scale of a validated questionnaire, from one participant's answers at one time.
+    """The score of one scale of a validated questionnaire, from the answers of one participant at one moment.
 
     A score counts if all its answers count.
     """
@@ -247,7 +247,7 @@ class TermRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemRow:
-    """A problem of the study's data, and its consequence for the analysis."""
+    """A problem in the data of a study, and its consequence for the analysis."""
 
     simulated: Annotated[bool | None, replace(_ATTEMPTS["simulated"], empty="it is about the whole study")]
     where: Annotated[str, Column("Recording, participant or file with the problem.")]
@@ -257,7 +257,7 @@ class ProblemRow:
 
 @dataclass(frozen=True, kw_only=True)
 class StreamRow(StreamQuality):
-    """Sample timing of a stream in the recording of one completed trial."""
+    """Quality of the sample times of one stream, in the recording of one completed trial."""
 
     participant: Pseudonym
     site: Site = None

@@ -41,12 +41,12 @@ RESULTS_FROM_DATABASE = "reward and success come from the database"
 NO_BIOMECHANICS = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics"
 NO_SERIES = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics and has no time series"
 TrialKey = tuple[str, int]
-"""Pseudonym, and position of the trial."""
+"""A trial: pseudonym of the participant, and position of the trial."""
 
 
 @dataclass(frozen=True)
 class StudyData:
-    """The data of a study; rows are in the order of participants and trials."""
+    """The data of a study. Rows are sorted by participant and trial."""
 
     participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
     trials: list[TrialRow] = field(default_factory=list[TrialRow])
@@ -62,11 +62,11 @@ class StudyData:
 
     @property
     def analysed(self) -> set[str]:
-        """Pseudonyms of all participants with a counted trial or answer."""
+        """The pseudonyms of all participants with a counted trial or a counted answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
     def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
-        """The analysed people; with ``simulated``, the analysed simulated participants."""
+        """Return the analysed people, or the analysed simulated participants if ``simulated``."""
         analysed = self.analysed
         return [
             row for row in self.participants if row.simulated is simulated and row.participant in analysed
@@ -80,16 +80,16 @@ def read_study(
     skip_damaged: bool = False,
     answered_items: AnsweredItems | None = None,
 ) -> StudyData:
-    """Read the data of a study. Unusable recordings are listed in ``problems``.
+    """Return the data of a study. ``problems`` lists unusable recordings.
 
     Args:
         store: the study.
         progress: called after each recording with the number of recordings read and their total number.
-        skip_damaged: ignore recordings that changed after their trials.
-        answered_items: the items that participants answered; by default, they are read from the study.
+        skip_damaged: ignore recordings whose files changed after the trial.
+        answered_items: the items that participants answered. By default, they are read from ``store``.
 
     Raises:
-        StudyError: if a recording changed after its trial, unless ``skip_damaged``; the message contains its name.
+        StudyError: if recordings changed after their trials, unless ``skip_damaged``. The message contains their names.
     """
     answered_items = answered_items or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
@@ -120,7 +120,7 @@ def read_study(
 
 
 def _site_problems(store: Store) -> Iterator[ProblemRow]:
-    """Differences between the sites of a merged study."""
+    """Yield a problem for each difference between the sites of a merged study."""
     for event in store.events():
         if event.name == SITE_DIFFERS:
             what = f"were merged although {event.detail}"
@@ -130,7 +130,7 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
 
 
 def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
-    """Plug-ins that differ between trials, are not installed, or were not stored."""
+    """Yield a problem for each plug-in that differs between trials, is not installed, or was not stored."""
     for simulated in (False, True):
         for found in plugin_findings(each for each in plugins if each.simulated is simulated):
             yield ProblemRow(
@@ -172,9 +172,9 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 
 
 def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool) -> TrialRow:
-    """Add the metrics of the trial's recording to its row; add time series, reward terms and problems to ``found``.
+    """Return the trial's row with metrics from its recording. Add series, reward terms and problems to ``found``.
 
-    ``changed``: the recording changed after the trial and is not used.
+    ``changed``: the file changed after the trial; the recording is then not used.
     """
     row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
 
@@ -217,7 +217,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
-    """The error message without the path of the study's folder. Results therefore do not depend on the path."""
+    """Return the error message without the path of the recording. Results must not depend on the study's path."""
     return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
 
 
@@ -270,7 +270,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 
 def guard_interventions(recording: Recording) -> int | None:
-    """Number of interventions of the force guard; ``None`` if it was off."""
+    """Return the number of interventions of the force guard; ``None`` if the guard was off."""
     if not recording.configuration.force_guard:
         return None
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
@@ -344,5 +344,5 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
 
 
 def _sum_in_order(values: Iterable[float]) -> float:
-    """Sum the values in their order, as sessions do. Since Python 3.12, ``sum`` rounds differently."""
+    """Return the sum, computed in order as during sessions. Since Python 3.12, ``sum`` rounds differently."""
     return reduce(add, values, 0.0)

@@ -35,7 +35,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A test of ``group_a`` against ``group_b``. With too few values, the row only describes them."""
+    """A test of ``group_a`` against ``group_b``. With too few participants, the row describes the groups without p."""
 
     simulated: IsSimulated
     family: columns.Family
@@ -65,22 +65,22 @@ class ComparisonRow:
 
 
 TRIAL, PARTICIPANT = "trial", "participant"
-"""Units of analysis. Trials of one participant are not independent. Tests by trial are therefore only for comparison
-with the paper and have no stars."""
+"""Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no stars; they are
+only for comparison with the paper."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
-"""Roles of a result in the analysis of its question."""
+"""Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
 TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
 Sample = tuple[str, Sequence[float]]
-"""Name and values of a group."""
+"""A group: its name and its values."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """The question of a family of tests, and the caption of the family's table in the report.
+    """A research question with a family of tests. ``table``: caption of the table of tests in the report.
 
-    ``primary``: without a plan, the tests by participant are primary results.
+    ``primary``: without a plan, the question's tests by participant are primary results.
     """
 
     name: str
@@ -88,15 +88,16 @@ class Question:
     primary: bool = False
 
     def family_name(self, unit: str) -> str:
-        """Name of the question's family of tests with a unit of analysis."""
+        """Return the name of the question's family of tests with this unit of analysis."""
         return f"{self.name}, by {unit}"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of a quantity between two groups.
+    """Comparison of a quantity between groups ``a`` and ``b``.
 
-    ``differences``: each participant's difference in a paired test; empty for other tests.
+    ``found``: the test result. ``participants``: number of participants. ``differences``: difference of each
+    participant in a paired test by participant; empty for other tests.
     """
 
     quantity: str
@@ -109,7 +110,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Family:
-    """Tests that are corrected together; for each test, the differences by participant."""
+    """Tests that are corrected together. ``differences``: for each test, the differences by participant."""
 
     simulated: bool
     question: Question
@@ -118,7 +119,7 @@ class Family:
 
 
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
-    """Apply Holm's correction to the tests of one question and unit of analysis."""
+    """Return the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
     adjusted = holm([test.found.p for test in allowed])
     name = question.family_name(unit)
@@ -127,7 +128,7 @@ def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequ
 
 
 def _without_small_test(test: Comparison) -> Comparison:
-    """The test; with too few participants, only groups and effect, without p."""
+    """Return the comparison. With too few participants, statistic, p and confidence interval are removed."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
     found = test.found
@@ -168,16 +169,17 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 MEAN_DECIMALS = 9
-"""Means over trials are rounded to this number of decimals. Means that differ by rounding errors are thus equal."""
+"""Number of decimals of means over trials. Means that differ only by rounding errors become equal."""
 Key = tuple[str, ...]
 
 
 def compare_policies(
     name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
 ) -> Comparison:
-    """Compare the second policy with the first by a signed-rank test.
+    """Compare the second policy with the first policy by a signed-rank test.
 
-    ``given``: values with the first and with the second policy, by key; a key begins with the participant.
+    ``given``: values with the first policy, and values with the second policy, by key. The first element of a key is
+    the participant.
     """
     first, second = policies
     a, b = given
@@ -193,7 +195,7 @@ def compare_policies(
 
 
 def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
-    """The values of trials; for tests by participant, each participant's mean."""
+    """Return the values of trials if ``unit`` is ``TRIAL``; otherwise the mean of each participant."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
     own: dict[Key, list[float]] = {}
@@ -203,7 +205,7 @@ def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
-    """Number of participants, and for a test by participant also each participant's difference."""
+    """Return the number of participants, and the difference of each participant (empty for a test by trial)."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}

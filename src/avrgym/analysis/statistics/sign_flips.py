@@ -1,10 +1,10 @@
-"""Sign-flip permutation test: family-wise error correction of paired tests with the same participants.
+"""Sign-flip permutation test: corrects the family-wise error of paired tests with the same participants.
 
-Under the null hypothesis, flipping the signs of all differences of a participant does not change their distribution.
-The test computes all statistics for every combination of flips. It compares each observed statistic with the maximum
-over tests in the same combination (max-T: Westfall and Young, Resampling-Based Multiple Testing, 1993), step-down from
-the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). It accounts for the
-dependence between the tests, and is therefore more powerful than Holm's correction.
+Null hypothesis: the joint distribution of a participant's differences stays the same if all their signs are flipped.
+The test computes the statistics of all tests for every combination of flips. p is the share of combinations in which
+the maximum over tests reaches the observed statistic (max-T: Westfall and Young, Resampling-Based Multiple Testing,
+1993). Tests are corrected step-down, from the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat.
+Assoc. 100, 2005). The correction accounts for dependence between tests. It is therefore more powerful than Holm's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,17 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
 MAX_ENUMERATED = 14
-"""Maximum number of participants for the exact test with all sign combinations."""
+"""Maximum number of participants for the exact test, which uses all sign combinations."""
 SAMPLED_FLIPS = 9_999
-"""Number of random sign combinations if there are more participants; the observed one is added."""
+"""Number of random sign combinations for more participants. The observed combination is added."""
 TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """Corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
+    """Return corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
-        differences: for each test, the difference of each participant; participants without a value are omitted.
+        differences: for each test, the difference of each participant who has a value.
     """
     ranks = signed_ranks(differences)
     sizes = np.sqrt((ranks**2).sum(axis=0))
@@ -43,7 +43,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
 
 
 def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
-    """Signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
+    """Return signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
     for test, own in enumerate(differences):
@@ -55,7 +55,10 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 @cache
 def sign_flips(participants: int) -> FloatArray:
-    """Sign combinations (combinations, participants), the observed one first. Opposite combinations count once."""
+    """Return sign combinations (combinations, participants), the observed one first.
+
+    The exact test contains one of each two opposite combinations, because statistics are absolute values.
+    """
     if participants > MAX_ENUMERATED:
         drawn = random_streams.sampled_sign_flips().integers(0, 2, (SAMPLED_FLIPS, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
@@ -65,7 +68,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down(statistics: FloatArray) -> FloatArray:
-    """Corrected p (tests,) from statistics (combinations, tests). Row 0 contains the observed statistics."""
+    """Return corrected p (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))

@@ -1,7 +1,7 @@
 """Rank tests, corrections for multiple testing, and confidence intervals. All tests are two-sided.
 
-SciPy computes what it contains. Exact probabilities with ties, rank-biserial effect sizes, Holm's correction and the
-multivariate energy test are our code.
+SciPy functions are used where they exist. This module implements exact probabilities with ties, rank-biserial effect
+sizes, Holm's correction and the multivariate energy test.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
-"""Largest number of differences for an exact signed-rank test; floats count 2**n combinations exactly."""
+"""Maximum number of differences for an exact signed-rank test. Floats represent the counts up to 2**50 exactly."""
 EXACT_RANK_SUM = 8
-"""Largest size of the smaller sample for an exact rank-sum test."""
+"""Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
-    """Number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
+    """Return number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
         "n": len(values),
@@ -44,10 +44,10 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 class StatisticalTest:
     """Result of a statistical test.
 
-    ``n``: number of values. ``zeros``: number of omitted zero differences. ``p``: ``None`` if there was no test;
-    ``note`` then contains the reason. ``effect``: rank-biserial correlation in [−1, 1], with 95 % confidence interval.
-    For the energy test, ``effect`` is the share (0 to 1) of the distance between samples that exceeds the distance
-    within samples, without interval.
+    ``n``: number of values or differences in the test. ``zeros``: number of omitted zero differences. ``p``: ``None``
+    if there was no test; ``note`` then contains the reason. ``effect``: rank-biserial correlation in [−1, 1], with 95 %
+    confidence interval. For the energy test, ``effect`` is the energy distance divided by twice the mean distance
+    between samples (0 to 1), without interval.
     """
 
     test: str
@@ -63,12 +63,12 @@ class StatisticalTest:
 
 
 def signed_rank(differences: ArrayLike) -> StatisticalTest:
-    """Wilcoxon signed-rank test of differences that are symmetric around zero (Biometrics Bulletin 1, 1945).
+    """Wilcoxon signed-rank test. Null hypothesis: differences are symmetric around zero (Biometrics Bulletin 1, 1945).
 
-    Zero differences are omitted, as in Wilcoxon's paper; ties have their mean rank. p is exact for up to
-    ``EXACT_SIGNED_RANK`` differences: all combinations of signs are equally probable. With more differences, p is
-    SciPy's normal approximation with tie correction and without continuity correction. The statistic is the smaller
-    rank sum; the effect is (W₊ − W₋) / (W₊ + W₋).
+    Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most ``EXACT_SIGNED_RANK``
+    differences, p is exact: all combinations of signs are equally probable. For more differences, p is SciPy's
+    normal approximation with tie correction and without continuity correction. The statistic is the smaller rank sum;
+    the effect is (W₊ − W₋) / (W₊ + W₋).
     """
     given = np.asarray(differences, float)
     used = given[given != 0.0]
@@ -90,9 +90,9 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Twice the share of sign combinations with a sum of positive ranks of at most ``smaller``.
+    """Return exact p: twice the share of sign combinations in which the sum of positive ranks is at most ``smaller``.
 
-    ``ways[s]``: number of combinations of the previous ranks with the doubled sum s. Doubled mean ranks are integers.
+    ``ways[s]``: number of sign combinations of the previous ranks with doubled sum s. Doubled mean ranks are integers.
     """
     doubled = np.rint(2.0 * ranks).astype(int)
     ways = np.zeros(doubled.sum() + 1)
@@ -104,11 +104,11 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 
 
 def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
-    """Mann-Whitney U test: whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
+    """Mann-Whitney U test: do values of one sample tend to be larger? (Ann. Math. Stat. 18, 1947)
 
     p is exact if the smaller sample has at most ``EXACT_RANK_SUM`` values: all divisions of the ranks into two samples
-    are equally probable, and ties have their mean rank. Without ties, SciPy computes p. Otherwise p is SciPy's normal
-    approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m) − 1 is
+    are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is SciPy's
+    normal approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m) − 1 is
     positive if ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
@@ -128,27 +128,28 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
-    """Effective sample size: number of binary values whose share has the variance of U / (n m) without an effect."""
+    """Return the effective sample size of U (see ``effect_interval``). ``n``, ``m``: sizes of the samples."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
     return 3.0 * n * m / ((n + m + 1) * tied)
 
 
 def effect_interval(effect: float, size: float) -> tuple[float, float]:
-    """95 % confidence interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
+    """Return the 95 % confidence interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
 
-    ``size``: effective sample size, the number of independent binary values whose share has the same variance under the
-    null hypothesis. For signed ranks, it is (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, this interval is
-    defined at r = ±1.
+    ``size``: effective sample size. Under the null hypothesis, the share of this number of independent binary values
+    has the variance of (1 + r) / 2. For signed ranks, ``size`` is (sum of ranks)² / (sum of squared ranks). Unlike an
+    interval by Fisher's z, this interval is defined at r = ±1.
     """
     low, high = wilson_interval(size * (1.0 + effect) / 2.0, size)
     return 2.0 * low - 1.0, 2.0 * high - 1.0
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Twice the share of subsets of the smaller sample's size with a rank sum that is at least as extreme.
+    """Return exact p: twice the share of rank subsets with a rank sum that is at least as extreme as the observed one.
 
-    ``ways[k, s]``: number of subsets of k previous ranks with the doubled sum s.
+    Subsets have the size of the smaller sample. ``ways[k, s]``: number of subsets of k previous ranks with doubled sum
+    s.
     """
     smaller, larger = sorted((a, b), key=len)
     doubled = np.rint(2.0 * stats.rankdata(np.concatenate([smaller, larger]))).astype(int)
@@ -163,11 +164,11 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
 
 
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
-    """Energy test of the hypothesis that points (n, d) and (m, d) have the same distribution.
+    """Energy test of the null hypothesis that points (n, d) and (m, d) have the same distribution.
 
-    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
-    2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the points' unit. p is the share of random divisions of all
-    points into n and m with at least this distance; the observed division is included.
+    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B −
+    B′| over all pairs, in the unit of the points. All points are divided at random into n and m points, many times. p
+    is the share of divisions with at least the observed energy distance; the observed division is included.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     count, total = len(a), len(a) + len(b)
@@ -188,7 +189,10 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Energy distances (k,) and mean distances (k,) between chosen points, by index (k, n), and all other points."""
+    """Return energy distances (k,) and mean distances (k,) between two samples, for k divisions of all points.
+
+    ``apart``: distances of all points. ``chosen`` (k, n): indices of the first sample; all other points are the second.
+    """
     inner = np.array([apart[np.ix_(indices, indices)].sum() for indices in chosen])
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
     outer = apart.sum() - inner - 2.0 * between
@@ -198,7 +202,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Holm's correction of p values for multiple testing (Scand. J. Statist. 6, 1979). ``None`` means no test."""
+    """Return p values with Holm's correction (Scand. J. Statist. 6, 1979). ``None`` (no test) remains ``None``."""
     present = [i for i, p in enumerate(probabilities) if p is not None]
     ordered = sorted(present, key=lambda i: probabilities[i] or 0.0)
     adjusted: list[float | None] = [None] * len(probabilities)
@@ -210,18 +214,18 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 
 
 def significance_stars(p: float | None) -> str:
-    """Stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Return the stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in STARS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
-    """95 % confidence interval of the share of successful trials; each cluster contains the trials of one participant.
+    """Return the 95 % confidence interval of the share of successful trials. A cluster: all trials of one participant.
 
-    It is Wilson's interval with the effective sample size and with Student's quantile for the number of clusters (Korn
-    and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey Methodology 43, 2017, p. 245). The effective sample
-    size is the number of trials divided by the design effect: the variance of the share between clusters, divided by
-    the variance for independent trials. With one trial in each cluster, it is Wilson's interval. For one cluster with
-    several trials, both bounds are ``None``.
+    It is Wilson's interval with the effective sample size, and with Student's quantile for (clusters − 1) degrees of
+    freedom (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey Methodology 43, 2017, p. 245). The
+    effective sample size is the number of trials divided by the design effect. The design effect is the variance of the
+    share, estimated between clusters, divided by its variance for independent trials. With one trial in each cluster,
+    the result is Wilson's usual interval. For one cluster with several trials, both bounds are ``None``.
     """
     sizes = np.array([len(each) for each in clusters])
     successes = np.array([sum(each) for each in clusters])
@@ -236,13 +240,13 @@ def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float
 
 
 MIN_DESIGN_EFFECT = 0.25
-"""Lower bound of the design effect. Few clusters can underestimate it: if all shares are equal, it would be 0."""
+"""Lower bound of the design effect. It can be underestimated: with equal shares in few clusters, it would be 0."""
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
-    """Design effect from the ``residuals`` (K,): observed minus expected successes of each cluster.
+    """Return the design effect. ``residuals`` (K,): observed minus expected successes of each cluster.
 
-    It is 1 if all trials have the same result.
+    The design effect is 1 if all trials have the same result.
     """
     if share in (0.0, 1.0):
         return 1.0
@@ -256,7 +260,7 @@ EQUAL_TOLERANCE = 1e-12
 
 
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
-    """95 % confidence interval of a mean by Student's t (Biometrika 6, 1908).
+    """Return the 95 % confidence interval of a mean by Student's t (Biometrika 6, 1908).
 
     ``deviation``: standard deviation with ``count − 1`` degrees of freedom. With fewer than two values, or with equal
     values, both bounds are ``None``: the values contain no information about the error of the mean.
