@@ -10,7 +10,7 @@ _PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 
 @dataclass(frozen=True)
 class CollisionBits:
-    """Two geoms collide if the ``contype`` of one shares a bit with the ``conaffinity`` of the other."""
+    """Two geoms collide if the ``contype`` of one geom shares a bit with the ``conaffinity`` of the other geom."""
 
     contype: int
     conaffinity: int

@@ -1,8 +1,8 @@
 """Compliance of contacts with the person, and torque limits: they bound the contact forces.
 
-Torque limits alone do not bound forces. Near a joint's axis, along a stretched arm or with a wedged tool, a motor of 24
-N m applies thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the
-bodies. The compliance of the person's body bounds the force at a contact point:
+Torque limits alone do not bound forces. A motor of 24 N m applies thousands of newtons to a rigid obstacle near a
+joint's axis, along a stretched arm, or with a wedged tool. The stiffness of MuJoCo's contacts increases with the mass
+of the bodies. The compliance of the person's body bounds the force at a contact point:
 
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
   ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain

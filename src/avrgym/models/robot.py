@@ -80,7 +80,7 @@ class BaseRange:
     yaw_rad: tuple[float, float]
 
     def mirrored(self) -> "BaseRange":
-        """The range on the other side of the person."""
+        """Returns the range mirrored to the other side of the person."""
         (left, right), (least, most) = self.x_m, self.yaw_rad
         return BaseRange((-right, -left), self.y_m, (-most, -least))
 
@@ -95,8 +95,8 @@ class Mount:
         carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
             With the keyword ``mirrored`` it can be on the person's left.
         carrier_body: body of the carrier that moves with the base.
-        left_yaw_rad: base yaw on the person's other side, for an arm that reaches to one side of its base.
-            ``None``: the mirrored yaw.
+        left_yaw_rad: base yaw on the person's other side, for a robot whose arm extends to one side. ``None``: the
+            mirrored yaw.
     """
 
     pos_w: tuple[float, float, float]
@@ -160,8 +160,8 @@ class Robot:
 
     Attributes:
         name: part of the environment ids.
-        build: returns the model of the robot alone. Geoms of group ``collision_bits.VISUAL_GROUP`` are only visible,
-            all others only collide.
+        build: returns the model of the robot alone. Geoms of group ``collision_bits.VISUAL_GROUP`` are visible and do
+            not collide; all other geoms collide and are not visible.
         base: root body, placed by the mount.
         torso: reference body of observations; the base for robots without a torso.
         arms: arms by side. A robot with one arm lists it for both sides.

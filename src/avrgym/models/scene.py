@@ -31,9 +31,9 @@ class SceneConfig:
     """Content of a scene: furniture, posture, and a robot on its mount with a tool.
 
     The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
-    episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: initial states out of the
-    arm's reach are sampled again. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
-    ``self_collision``: the robot's links collide with each other.
+    episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: whether initial states out of the
+    arm's reach are resampled. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
+    ``self_collision``: whether the robot's links collide with each other.
     """
 
     furniture: Sequence[Furniture]
@@ -183,7 +183,8 @@ def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: st
 def _add_contact_sensor(
     spec: mujoco.MjSpec, name: str, of: str | None, fields: int, reduction: int, slots: int, geom: str = ""
 ) -> None:
-    """Add a sensor of a body's contacts, or those of everything, with the person or with one ``geom``."""
+    """Add a sensor of contacts with the person, or with the ``geom`` only. ``of`` is the other body; ``None``: any
+    body."""
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,

@@ -9,7 +9,7 @@ from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
 TIP_BEYOND_FINGERS_M = 0.05
-"""Distance of the tip beyond the fingertips (reference)."""
+"""Distance from the fingertips to the tip of the scratcher (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
 PINCH_M = 0.039
 """Distance from the end of the fingertips back to the point at which the fingers hold the rod."""

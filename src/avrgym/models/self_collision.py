@@ -18,7 +18,7 @@ permanently."""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
-    """Let the links of a scene's robot collide with each other: the pairs of ``collision_pairs``.
+    """Let links of a scene's robot collide with each other, if they are in ``collision_pairs``.
 
     Args:
         spec: a scene with the robot.

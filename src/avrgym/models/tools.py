@@ -76,8 +76,8 @@ class Tool:
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
 """Contact parameters of food. Pieces slide on each other, but not on tools, because tools have friction."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""Contact parameters of water: one constraint per contact, independent of the other surface. The softer impedance needs
-a quarter fewer iterations."""
+"""Contact parameters of water: one constraint per contact; the other surface has no influence. The softer impedance
+needs a quarter fewer iterations."""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:

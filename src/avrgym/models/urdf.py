@@ -82,7 +82,7 @@ class Urdf:
         return spec
 
     def _vertices(self, shape: "_Shape") -> FloatArray:
-        """Points (V, 3) of a shape in its own frame."""
+        """Points (V, 3) of a shape in the shape's frame."""
         if shape.mesh is None:
             return np.asarray(shape.primitive().vertices)
         return np.concatenate([part.vertices for part in read_mesh(self.find_mesh(shape.mesh))]) * shape.scale
@@ -148,7 +148,7 @@ def add_mesh(
     scale: FloatArray | float = 1.0,
     **attributes: Any,
 ) -> None:
-    """Add a visual mesh; ``attributes`` are those of its geom."""
+    """Add a visual mesh; ``attributes`` are those of the mesh's geom."""
     material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)
     spec.add_mesh(
         name=name,

@@ -20,9 +20,9 @@ class ApproachSpeedMonitor(PerWorldState):
     """Compares approach speeds in N worlds with the allowed contact speeds of the body regions.
 
     Only the origin of the tool's pad is monitored. All arrays describe the latest control step. ``person_too_fast``
-    (N,) marks worlds in which a region approaches the tool too fast by its own motion. ``closing_too_fast`` (N,) marks
-    worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is the region whose approach speed is
-    highest relative to its limit, ``speed_m_s`` (N,) this speed.
+    (N,) marks worlds in which a region of the body approaches the tool too fast, without counting the tool's motion.
+    ``closing_too_fast`` (N,) marks worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is
+    the region whose approach speed is highest relative to its limit, ``speed_m_s`` (N,) this speed.
     """
 
     STATE = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")

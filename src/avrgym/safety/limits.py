@@ -1,16 +1,16 @@
 """Limits of contact force and contact speed for each region of the body, after ISO/TS 15066.
 
-Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body of healthy
-adults at work. The limits mark the onset of pain, or of a slight injury such as a bruise. They are not limits of
-comfort, and no target for care: a spoon touches lips with 1 to 3 N. The text of the standard is not free. The values
-here come from publications that quote it.
+Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body. The limits
+apply to healthy adults at work. They mark the onset of pain, or of a slight injury such as a bruise. They are neither
+limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The text of the standard is not free. The
+values here come from publications that quote it.
 
 A clamped region must stay below the *quasi-static* limit. A region that can move away may be loaded for ``TRANSIENT_S``
 up to the *transient* limit, which is ``transient_factor`` times as high. The standard allows no transient contact with
 skull and face; here their transient limit equals the quasi-static one.
 
-The maximum contact speed follows from the force: body and arm are two masses with a spring between them, with the
-region's *effective mass* and *spring constant* (table A.3), see ``max_impact_speed_m_s``. Simulated contacts have a
+The maximum contact speed follows from the force: body and arm are two masses with a spring between them. The region has
+an *effective mass* and a *spring constant* (table A.3); see ``max_impact_speed_m_s``. Simulated contacts have a
 different compliance, see ``models.compliance``.
 
 Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit. The standard

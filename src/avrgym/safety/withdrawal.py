@@ -23,8 +23,7 @@ WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 
 
 class Withdrawal(PerWorldState):
-    """Drives the arms in those of N worlds in which the task is complete; the mask ``driving`` (N,) marks these
-    worlds."""
+    """Drives the arms in worlds in which the task is complete. The mask ``driving`` (N,) marks these worlds."""
 
     STATE = ("driving", "_settled_steps", "_moved_steps", "_away")
 

@@ -1,8 +1,8 @@
 """Search for the pose of a robot's base from which its arm reaches the poses of a task.
 
-Task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive robots",
-Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are solved in one
-batch. The bits of a world's result do not depend on the other worlds.
+The method is task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive
+robots", Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are
+solved in one batch. The result of a world does not depend on the other worlds, to the last bit.
 """
 
 from dataclasses import dataclass

@@ -153,7 +153,7 @@ def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
 
 
 def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
-    """The clearances of a robot's links from each other, in a scene with self-collision."""
+    """Minimum clearances (0) between the links of a robot, in a scene with self-collision."""
     links = [
         geom
         for geom in _geoms(model, collision_bits.ROBOT)
@@ -163,7 +163,8 @@ def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
 
 
 def _may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether MuJoCo lets two geoms of a robot collide: of other bodies than parent and child, and not excluded."""
+    """Whether MuJoCo lets two geoms of a robot collide: their bodies are not parent and child, and the pair is not
+    excluded."""
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     one, other = (int(model.body_weldid[body]) for body in bodies)
     parents = [int(model.body_weldid[model.body_parentid[body]]) for body in (one, other)]

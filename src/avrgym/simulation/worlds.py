@@ -135,7 +135,8 @@ class Simulation:
         return self._now.qpos
 
     def reset(self, ids: IntArray, start: Start) -> None:
-        """Set worlds ``ids`` (n,) to their initial state: at rest, particles on the tool, servos at their targets."""
+        """Set worlds ``ids`` (n,) to the initial states ``start``: all bodies at rest, particles on the tool, servos at
+        their targets."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
         for name, body in names.placed.items():
@@ -369,7 +370,7 @@ class Simulation:
     def base_displacement(self) -> FloatArray:
         """Returns the displacement of driving bases from their start, (N, 3): x, y (m) and yaw (rad).
 
-        The frame is that of the start. (N, 0) for other robots.
+        The values are in the frame of the base's start pose. The shape is (N, 0) for robots without a drive.
         """
         return self._now.qpos[:, self._at.drive_qpos]
 

@@ -78,7 +78,7 @@ class CameraImages:
         return found
 
     def close(self) -> None:
-        """Free the graphics memory; the next image allocates it again."""
+        """Free the graphics memory. The next call of ``images`` allocates it again."""
         if self._context is not None:
             with self._context.as_current():
                 for model in self._models.values():

@@ -22,7 +22,7 @@ def environment_id(task: str, robot: str) -> str:
 
 
 ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
-"""Packaged environment ids. Plug-ins add others."""
+"""Packaged environment ids. Plug-ins add more ids."""
 PAPER_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
 )

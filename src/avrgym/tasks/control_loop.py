@@ -63,7 +63,7 @@ class ActionSource(Protocol):
 
     def update_action(self) -> FloatArray | None:
         """Returns new actions (N, J) at a later tick of the control step, or ``None`` to continue with the present
-        ones."""
+        actions."""
         ...
 
 

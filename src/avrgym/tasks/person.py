@@ -18,7 +18,7 @@ ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
 """Spread of the right arm's joints around the rest pose (20,) (paper, section V)."""
 
 LIMBS = RIGHT_ARM[:2]
-"""Target limbs of scratching and bathing: upper arm and forearm."""
+"""Limbs on which the robot works in itch scratching and bed bathing: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
 SKIN_MARGIN_M = 0.008
@@ -27,7 +27,7 @@ LATERAL_AXES = np.array([1.0, 1.0, 0.0])
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
-    """Forces (N,) of at least ``STRONG_FORCE_N``; smaller forces become zero."""
+    """Forces (N,) of at least ``STRONG_FORCE_N``; returns zero for smaller forces."""
     return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 

@@ -91,8 +91,8 @@ DRIVE_TRAVEL_M = 0.8
 def planning_chain(scene: SceneConfig) -> kinematics.Chain:
     """Kinematic chain of plans: ``arm_chain``, with a driving base's travel along its x axis as the first joint.
 
-    Plans use the drive as one more slide and keep the base's direction. With lift, telescoping arm and wrist it gives a
-    tool six degrees of freedom.
+    Plans use the drive as one more slide and keep the base's direction. Together with lift, telescoping arm and wrist,
+    the drive gives the tool six degrees of freedom.
     """
     chain = arm_chain(scene)
     return chain if scene.robot.drive is None else kinematics.with_travel(chain, DRIVE_TRAVEL_M)
@@ -131,10 +131,10 @@ def placed_start(
 ) -> Start:
     """Initial states of n worlds with tool poses (n, 3) and (n, 4).
 
-    For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses, from which the tool also
-    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed
-    base they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. The first
-    joint of ``planning_chain`` shifts the initial position of a driving base.
+    For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses: the tool should also reach
+    the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed base
+    they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. The first joint
+    of ``planning_chain`` shifts the initial position of a driving base.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])

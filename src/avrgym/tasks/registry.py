@@ -1,4 +1,4 @@
-"""Registry of tasks and environments: every task with every robot that can hold its tool.
+"""Registry of tasks and environments: every task with every robot that can hold the task's tool.
 
 Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
@@ -35,7 +35,7 @@ class Registry:
         self.broken: list[plugins.SkippedPlugin] = []
 
     def add(self, task: Task) -> None:
-        """Register a task with all suitable robots. Robots for which its scene or observation fails are skipped.
+        """Register a task with all suitable robots. Robots for which the task's scene or observation fails are skipped.
 
         Raises:
             ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.

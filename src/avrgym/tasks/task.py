@@ -22,7 +22,7 @@ from avrgym.tasks.observation import Observation
 from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
 TaskState = Any
-"""State of a task during an episode: a dataclass of arrays, world axis first."""
+"""State of a task in N worlds during an episode: a dataclass of arrays, world axis first."""
 
 
 class EpisodeStart(msgspec.Struct, frozen=True):

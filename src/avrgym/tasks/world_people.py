@@ -79,7 +79,7 @@ class WorldPeople:
         human_actions: bool,
         settings: Settings,
     ) -> None:
-        """Find the populations. Call ``place`` before other methods.
+        """Find the populations. Call ``place`` before any other method.
 
         Args:
             name_or_path: the populations, see ``Episodes``.

@@ -83,7 +83,7 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 class Layout:
     """Frames and sizes of N people by name of body, geom and site; computed on demand.
 
-    Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), those of the arms with ``arm_scale``.
+    Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), arm lengths with ``arm_scale``.
     """
 
     proportions: Proportions

@@ -15,7 +15,7 @@ from avrgym.system.memory import available_bytes
 class Arrays:
     """Live arrays of N worlds with MuJoCo's names, world axis first: NumPy arrays, or tensors on a device.
 
-    The first five may be written between steps; a step writes the others.
+    Callers may write the first five between steps. A step writes all other arrays.
     """
 
     qpos: Any

@@ -1,7 +1,7 @@
 """Reward of arm manipulation: the scooper at the forearm, the forearm back on the armrest, and the preferences.
 
-Assistive Gym (Erickson et al., 2020) rewards small distances of the tool from the arm and of elbow and wrist from the
-torso of a person in bed. Here the person sits in a wheelchair, and the arm belongs on the armrest.
+Assistive Gym (Erickson et al., 2020) rewards two small distances: from the tool to the arm of a person in bed, and from
+elbow and wrist to the torso. Here the person sits in a wheelchair, and the arm belongs on the armrest.
 """
 
 from collections.abc import Mapping

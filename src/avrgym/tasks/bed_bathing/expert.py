@@ -26,11 +26,11 @@ SWEEPS = (
 """For each sweep: the limb, the angle around the limb (0 at its top, positive outwards), and the first and last
 position along the limb (0 at the end nearer to the shoulder, 1 at the other end)."""
 MIN_SWEEPS = 4
-"""Minimum number of sweeps. The other sweeps are made only while too few markers are wiped."""
+"""Minimum number of sweeps. Further sweeps follow only while too few markers are wiped."""
 APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
 
 END_MARGIN_M = 0.065
-"""Distance of the cloth's middle from the limb's ends, so that the cloth does not touch the next limb."""
+"""Minimum distance of the cloth's middle from the limb's ends. The cloth then does not touch the next limb."""
 CARRY_SPEED_M_S, WIPE_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.12, 1.2
 LIFT_M, TOUCH_DEPTH_M = 0.03, 0.004
 TARGET_FORCE_N, MAX_FORCE_N, CONTACT_FORCE_N = 5.0, 15.0, 1.0

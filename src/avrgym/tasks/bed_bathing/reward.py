@@ -133,7 +133,8 @@ def cloth_distance(state: State) -> FloatArray:
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
-    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and a mask of those within 2.5 cm of the limb."""
+    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and a mask (N, 2, C) of contacts within 2.5 cm of the
+    limb."""
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]

@@ -32,8 +32,8 @@ DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 8.0
 """The speed falls from full to zero between these forces on the person."""
 PAST_SHOULDER_M = 0.04
-"""Distance by which the hoop moves past the place at which the arm is dressed, because the free half of the opening
-lags behind."""
+"""The hoop moves this distance past the point at which the arm is dressed, because the free half of the opening lags
+behind."""
 
 
 class PathPosition(NamedTuple):

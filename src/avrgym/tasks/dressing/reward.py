@@ -1,8 +1,8 @@
 """Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
 
 The arm is a path from the centre of the hand over wrist and elbow to the shoulder. The opening of the sleeve has passed
-a point of the path if its rim winds around the arm there. As in Assistive Gym, reward grows with the length of the arm
-that is covered, and falls with the forces on the person.
+a point of the path if its rim winds around the arm there. As in Assistive Gym, the reward increases with the covered
+length of the arm, and decreases with the forces on the person.
 """
 
 from collections.abc import Mapping

@@ -17,7 +17,7 @@ from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 APPROACH_ROLLS_DEG = (0.0, -22.5, -45.0)
-"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis (which lowers the hand)."""
+"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis (it lowers the robot's hand)."""
 DISTANCE_COST_S_PER_M = 200.0
 """Cost of the distance between rim and mouth."""
 
@@ -25,7 +25,8 @@ CARRY_SPEED_M_S, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
-"""Offset of the pouring edge in front of the middle of the mouth and above it, because slow water flows backwards."""
+"""Offsets of the pouring edge from the middle of the mouth: in front of the mouth and above it. They are needed because
+slow water flows backwards."""
 CARRY_TILT_RAD, POUR_START_TILT_RAD, EMPTY_TILT_RAD = np.radians([45.0, 70.0, 92.0])
 """Tilt during the approach (the robot's fingers are then below the chin), tilt below which no water pours, and tilt at
 which the cup is empty."""

@@ -117,8 +117,9 @@ class MotionPlanner:
         """Find joint positions near the present joint positions, for K tool poses per world, (N, K, 3) and (N, K, 4).
 
         Returns: Joint positions (N, K, J), and costs (N, K) in seconds. The cost is the duration of the motion, plus
-            ``COLLISION_COST_S`` or more for a collision on the way (of the arm also at the end), plus
-            ``TILT_COST_S_RAD`` per radian of excess tilt. It is infinite if no solution was found.
+            the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess tilt. The collision cost begins at a gap
+            of ``MARGIN_M``, and is ``COLLISION_COST_S`` or more for a collision. The pose at the end is checked without
+            the tool. The cost is infinite if no solution was found.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
@@ -172,7 +173,8 @@ class MotionPlanner:
         return transforms.compose(*self._base_w, *kinematics.forward(self._chain, joint_positions))
 
     def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
-        """Largest difference (N,) between the present joint positions and others (N, J), in the chain's units."""
+        """Largest difference (N,) between the present joint positions and ``joint_positions`` (N, J), in the chain's
+        units."""
         return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
@@ -207,7 +209,8 @@ class MotionPlanner:
 
 
 def _start_offsets(joints: int) -> FloatArray:
-    """Start poses of the inverse kinematics as offsets in the chain's units, (``IK_STARTS``, J)."""
+    """Offsets (``IK_STARTS``, J) of the start poses of the inverse kinematics from the present pose, in the chain's
+    units."""
     others = random_streams.planner_starts().uniform(-IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints))
     return np.concatenate([np.zeros((1, joints)), others])
 

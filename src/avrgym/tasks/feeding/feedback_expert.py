@@ -24,7 +24,8 @@ def feeding_target(
     planner: MotionPlanner,
     standoff_from_mouth_m: FloatArray | float = 0.0,
 ) -> ToolTarget:
-    """Move the level spoon through a funnel in front of the face into the mouth, at the yaw that the arm reaches best.
+    """Move the level spoon into the mouth, through a funnel in front of the face. The yaw is the one that the arm
+    reaches best.
 
     The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of the mouth.
     """

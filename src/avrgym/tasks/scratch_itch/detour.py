@@ -1,7 +1,7 @@
 """Extra path length of scratching, for reward shaping.
 
-If the itch is on the far side of a limb, a reward of the straight distance alone attracts the tool to the near side,
-where it gets stuck. A hand without clearance gets stuck in the same way.
+If the itch is on the far side of a limb, a reward for a small straight distance attracts the tool to the near side.
+There the tool gets stuck. A hand without clearance gets stuck in the same way.
 """
 
 from avrgym.array_types import FloatArray

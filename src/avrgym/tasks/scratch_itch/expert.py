@@ -97,7 +97,7 @@ class ScratchItchExpert:
     def _plan(self, worlds: BoolArray) -> FloatArray:
         """Plan for the worlds of a mask (N,): choose the fastest collision-free direction towards the itch.
 
-        The rotation about the rod is free, and the last joint performs it.
+        The rotation about the rod is free; the last joint performs this rotation.
 
         Returns:
             Cost of the path (N,), seconds.
