@@ -1,7 +1,8 @@
 """Cloth that a tool holds: a triangle mesh with stretching and bending stiffness (a flex of MuJoCo).
 
-Each vertex is a body with three slide joints whose values are its position in the world frame. The scene needs the
-integrator ``discrete``. It integrates the stiffness implicitly; steps of 10 ms are therefore stable.
+Each vertex is a body with three slide joints. The joint values are the vertex position in the world frame. The scene
+needs the integrator ``discrete``. This integrator integrates the stiffness implicitly; steps of 10 ms are therefore
+stable.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Colours of geoms and skins as MuJoCo renders them: their own, or those of their materials."""
+"""Colours of geoms and skins as MuJoCo renders them: the geom's or skin's own colour, or its material's."""
 
 import mujoco
 import numpy as np
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray, NumpyArray
 
 UNSET = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's default colour. Geoms and skins with it have the colour of their material."""
+"""MuJoCo's default colour. Geoms and skins with this colour have the colour of their material."""
 
 
 def geom_colours(model: mujoco.MjModel) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Compliance of contacts with the person, and torque limits: they bound the contact forces.
+"""Compliance of contacts with the person, and torque limits. Both bound the contact forces.
 
 Torque limits alone do not bound forces. A motor of 24 N m applies thousands of newtons to a rigid obstacle near a
 joint's axis, along a stretched arm, or with a wedged tool. The stiffness of MuJoCo's contacts increases with the mass

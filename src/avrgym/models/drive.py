@@ -11,7 +11,7 @@ MOTOR_GROUP = 1
 """Actuator group of the moving arm and of the drive."""
 _SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 DRIVE_ACTIONS = ("forward", "turn")
-"""Components of an action for the drive. They follow the components for the arm."""
+"""Components of an action for the drive. These components follow those for the arm."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class DifferentialDrive:
 
 
 DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
-"""Displacement of a driving base from its start: slides along x and y of the base's start pose, and a hinge about z."""
+"""Displacement of a driving base from its start: two slides along x and y of the base's start pose, and a hinge about
+z."""
 DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
 """Velocity servos of a driving base, in the base's own frame. The sideways command is always 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0

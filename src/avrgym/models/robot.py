@@ -93,7 +93,7 @@ class Mount:
         pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
         base_range: range in which each episode searches for a base pose.
         carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
-            With the keyword ``mirrored`` it can be on the person's left.
+            A carrier with the keyword ``mirrored`` can also be on the person's left.
         carrier_body: body of the carrier that moves with the base.
         left_yaw_rad: base yaw on the person's other side, for a robot whose arm extends to one side. ``None``: the
             mirrored yaw.
@@ -245,10 +245,10 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
     Joints that mimic a joint of the arm follow it. A drive has three joints, see ``DRIVE_JOINTS``.
 
-    The servo integrates its command into a target angle within the joint's range. It acts like a spring of
+    The servo integrates its command into a target angle within the joint's range. The servo acts like a spring of
     ``stiffness`` with critical damping at the seed pose, and its torque is limited to the motor's. MuJoCo's damping
-    ratio is not used: it refers to angle zero, where the folded arm has a fifth of the inertia, so the servo would
-    overshoot.
+    ratio is not used: it refers to angle zero, where the folded arm has a fifth of the inertia. The servo would
+    therefore overshoot.
     """
     spec = robot.build(appearance)
     _set_collision_bits(spec, collision_bits.ROBOT, appearance)

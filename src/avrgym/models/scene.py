@@ -32,8 +32,8 @@ class SceneConfig:
 
     The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
     episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: whether initial states out of the
-    arm's reach are resampled. ``body_mass_kg`` is the mass of every person; ``None``: that of their sex.
-    ``self_collision``: whether the robot's links collide with each other.
+    arm's reach are resampled. ``body_mass_kg`` is the mass of every person; ``None``: the mass of the person's body
+    model. ``self_collision``: whether the robot's links collide with each other.
     """
 
     furniture: Sequence[Furniture]
@@ -70,7 +70,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
 
     Args:
         scene: furniture, robot and tool.
-        person: the person; a static person keeps this pose.
+        person: the person; a static person keeps the pose of this record.
         moving: whether the person has actuated joints.
         appearance: whether to add visual geoms.
     """

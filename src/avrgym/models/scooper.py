@@ -11,7 +11,8 @@ from avrgym.models.shapes import rounded_polyline, tube
 from avrgym.models.tools import Tool
 
 PADDING_RADIUS_M, HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
-"""The trough is 14 cm wide outside, 10 cm inside (x), 7 cm long (y), and its rims are 5 cm above its floor (z)."""
+"""The trough is 14 cm wide outside, 10 cm inside (x), 7 cm long (y), and its rims are 5 cm above the floor of the
+trough (z)."""
 GRIP_M = -(HALF_WIDTH_M + 0.06)
 """Position of the grip on the x axis."""
 _HANDLE_END_M = GRIP_M - 0.03

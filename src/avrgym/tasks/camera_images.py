@@ -1,7 +1,7 @@
 """Renders the images of cameras in the worlds of ``Episodes``, by MuJoCo's renderer.
 
-All worlds share one model for each sex. Before a world is rendered, its person and positions are copied to the model.
-Physics has its own model without appearance.
+All worlds share one model for each sex. Before a world is rendered, the world's person and positions are copied to the
+model. Physics has its own model without appearance.
 """
 
 import warnings
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from avrgym.tasks.episodes import Episodes
 
 NEAR_M, FAR_M = 0.02, 20.0
-"""Nearest and farthest rendered distance. Shadows are not rendered: they take two thirds of the time without a graphics
-card."""
+"""Nearest and farthest rendered distance. Shadows are not rendered: without a graphics card they would take two thirds
+of the time."""
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(LABELS))
 HIDDEN_GROUP = 5
 Images = dict[str, NumpyArray]
@@ -223,8 +223,8 @@ class _SexModel:
 
 @cache
 def _owned_context() -> Any:
-    """The class of graphics contexts that ``CameraImages.close`` frees. Garbage collection would free them before the
-    memory of their models.
+    """The class of graphics contexts that ``CameraImages.close`` frees. Garbage collection would free the contexts
+    before the memory of their models.
     """
 
     def ignore(context: Any) -> None:

@@ -10,7 +10,7 @@ ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED)
 """Names of the tasks of the paper, of all packaged tasks, and of the packaged robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
-"""Version of the simulated world: physics, initial states and rewards. Recordings store it.
+"""Version of the simulated world: physics, initial states and rewards. Recordings store this version.
 
 If the versions differ, the commands of a recording may lead to different states.
 """
@@ -26,7 +26,7 @@ ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASK
 PAPER_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
 )
-"""Environments of Erickson, Gu and Kemp (2020). They have packaged policies."""
+"""Environments of Erickson, Gu and Kemp (2020). These environments have packaged policies."""
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:

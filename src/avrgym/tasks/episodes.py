@@ -281,7 +281,7 @@ class Episodes:
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
-        """The people, with the strength of their joints scaled by ``Task.strength_share``."""
+        """Returns the people. Their joint strength is multiplied by ``Task.strength_share``."""
         share = self.task.strength_share
         if share is None:
             return people

@@ -17,8 +17,8 @@ from avrgym.models.human.person import People, Person
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Rotation from device axes (x right, y up, −z forward) to body axes (x left, −y forward, z up).
 
-It applies to headset and grip. For a fist around an upright rod, the grip's −z points to the thumb and its y from the
-knuckles to the wrist, like −y and z of the hand (WebXR Device API, ``gripSpace``).
+The rotation applies to headset and grip. For a fist around an upright rod, the grip's −z points to the thumb and its y
+from the knuckles to the wrist, like −y and z of the hand (WebXR Device API, ``gripSpace``).
 """
 HEADSET_OFFSET_M = 0.08
 """Distance of the headset's pose in front of the head's centre (2020 reference)."""

@@ -102,8 +102,8 @@ def cloth_pose(
     Args:
         state: physical state of N worlds.
         limb: 0 for the upper arm, 1 for the forearm (N,).
-        angle_rad: angle around the limb, from its top outwards (N,).
-        share: position along the limb, 0 at its upper end to 1 (N,).
+        angle_rad: angle around the limb (N,), 0 at its top, positive outwards.
+        share: position along the limb (N,), 0 at the end nearer to the shoulder, 1 at the other end.
         above_m: distance of the wiping face from the skin (N,).
     """
     at = limb_frame(state, limb)

@@ -1,4 +1,4 @@
-"""Feedback expert for bed bathing: wipes towards the hand on top of the arm, and back on its outer side.
+"""Feedback expert for bed bathing: wipes towards the hand on top of the arm, and back on the arm's outer side.
 
 The angle around the arm determines the direction, so the expert needs no memory. Positions along the arm are: 0 to 1 on
 the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
@@ -45,7 +45,8 @@ HEIGHT_RANGE_M = (-0.03, 0.01)
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Wipe from the shoulder to the wrist on top of the arm, and back on its outer side."""
+    """Returns the next tool target: wipe from the shoulder to the wrist on top of the arm, and back on the arm's outer
+    side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > APPROACH_HEIGHT_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
@@ -82,8 +83,8 @@ def _gradual(offset: FloatArray) -> FloatArray:
 
 
 def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position of the cloths along the arm, angle around it (from its top outwards), and height above the skin, (N,)
-    each."""
+    """Position of the cloth along the arm, angle of the cloth around the arm (from the arm's top outwards), and height
+    above the skin, (N,) each."""
     worlds = len(state.tool_pos_w)
     upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
     from_elbow = state.tool_pos_w - lower.start_w

@@ -157,7 +157,8 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
 
 def _on_face(state: State) -> BoolArray:
-    """Boolean mask (N, C): contacts on the wiping face of the cloth or its rim, not on its sides or rear.
+    """Boolean mask (N, C): contacts on the wiping face of the cloth or on the rim of this face, not on the sides or the
+    rear.
 
     These contacts are in the front half of the pad. Their normals differ by less than 75° from the normal of the wiping
     face (at a side: 90°).

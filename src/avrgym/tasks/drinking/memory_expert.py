@@ -6,7 +6,7 @@
   a larger tilt. Up to this tilt the cup tilts quickly, so short rests are enough.
 - While the person looks away, the cup waits where the face is expected to return. The cup does not wait if the face has
   had this direction since the start.
-- The cup stays on its side of the head. It rotates about its axis to pour over the part of the rim at the lips.
+- The cup stays on its side of the head. The cup rotates about its axis to pour over the part of the rim at the lips.
 - The cup always approaches slightly rotated: the hand is then lower, where the arm reaches farther.
 """
 
@@ -60,7 +60,8 @@ LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M = 0.025, 0.042
 """Lateral offset of the cup's reference point from its pouring point: default and maximum. A rotation about the cup's
 axis causes the offset and helps arms on the right to reach the mouth."""
 MIN_MIDPLANE_DISTANCE_M, MAX_LIP_OFFSET_M = 0.01, 0.04
-"""Minimum distance of the cup from the head's mid-plane, and maximum lateral offset from the lips to achieve it."""
+"""Minimum distance of the cup from the head's mid-plane, and maximum lateral offset from the lips to achieve this
+distance."""
 TURN_COMPENSATION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
