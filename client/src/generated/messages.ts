@@ -102,7 +102,7 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** Acknowledges states: the total number received. It is sent after every `STATES_PER_RECEIPT` states. */
+/** Acknowledges states: `states` is the total number received. Sent after every `STATES_PER_RECEIPT` states. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -123,7 +123,7 @@ export interface Ready {
   type: "ready";
 }
 
-/** The client displays the scene of this address. */
+/** The client displays the scene with this address. */
 export interface SceneLoaded {
   type: "scene_loaded";
   url: string;
@@ -135,7 +135,7 @@ export interface Stop {
   method: StopMethod | null;
 }
 
-/** The visibility of the scene has changed. After each welcome it is `visible`. */
+/** The visibility of the scene has changed. After each `welcome`, the server assumes `visible`. */
 export interface VisibilityChanged {
   type: "visibility_changed";
   visibility: Visibility;
@@ -208,7 +208,7 @@ export interface Command {
   name: CommandName;
 }
 
-/** The torso height measured by the experimenter. The body is rebuilt with it. */
+/** The torso height measured by the experimenter. The body is rebuilt with this height. */
 export interface CorrectTorsoHeight {
   type: "correct_torso_height";
   torso_height_m: number;
@@ -232,7 +232,7 @@ export interface Drive {
   angular: Shares;
 }
 
-/** A watching page displays the scene of this address. The environment viewer waits for it; sessions do not. */
+/** A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not. */
 export interface SceneWatched {
   type: "scene_watched";
   url: string;
@@ -380,7 +380,7 @@ export interface Problem {
   messages_by_input: Record<string, string>;
 }
 
-/** Haptic and acoustic feedback of one control step.
+/** Haptic and acoustic feedback for one control step.
  *
  * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the
  * number of bites or drops in the mouth, wiped markers, or scratches. */

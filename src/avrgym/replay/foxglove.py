@@ -111,7 +111,7 @@ class _Log:
         self._schemas: dict[str, int] = {}
 
     def timestamp(self, time_s: float) -> Timestamp:
-        """UTC time stamp of a time in the trial."""
+        """Returns the UTC time stamp of a time in the trial."""
         stamp = Timestamp()
         stamp.FromNanoseconds(self._at_ns(time_s))
         return stamp
@@ -131,7 +131,7 @@ class _Log:
         self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
 
     def finish(self) -> None:
-        """End the file."""
+        """Finish the file."""
         self._mcap.finish()
 
     def _at_ns(self, time_s: float) -> int:
@@ -156,7 +156,7 @@ def _described(recording: Recording) -> dict[str, str]:
 
 
 def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntity:
-    """The surfaces of a body as a permanent entity that moves with the body's frame."""
+    """Returns the surfaces of a body as a permanent entity that moves with the body's frame."""
     triangles = [
         TriangleListPrimitive(
             pose=Pose(orientation=Quaternion(w=1.0)),
@@ -172,7 +172,7 @@ def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntit
 
 
 def _colours(surface: BodySurface) -> Mapping[str, Any]:
-    """One colour if all vertices have the same colour, otherwise a colour for each vertex."""
+    """Returns one colour if all vertices have the same colour, otherwise a colour for each vertex."""
     colours = [Color(r=r, g=g, b=b, a=a) for r, g, b, a in surface.rgba.tolist()]
     one = bool((surface.rgba == surface.rgba[0]).all())
     return {"color": colours[0]} if one else {"colors": colours}
@@ -255,7 +255,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
 
 
 def _tracking_space(recording: Recording) -> FloatArray:
-    """Pose (7,) of the tracking space in the world."""
+    """Returns the pose (7,) of the tracking space in the world."""
     pose = recording.configuration.xr_from_world
     x, y, z, w = pose.orientation
     return np.concatenate(transforms.invert(np.array(pose.position), np.array([w, x, y, z])))

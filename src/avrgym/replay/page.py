@@ -91,7 +91,7 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
 
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """Index of the first recording with the same environment and person, and thus the same scene."""
+    """Returns the index of the first recording with the same environment and person, and thus the same scene."""
     looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
     return looks.index((recording.configuration.environment, recording.configuration.person))
 

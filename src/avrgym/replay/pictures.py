@@ -75,7 +75,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
 
 
 def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write the frames of ``write_video`` as a looping animation of half the size, for slides.
+    """Write a trial as a looping animation (GIF) for slides. Its width and height are half of those of ``write_video``.
 
     Arguments and errors are those of ``write_video``; ``out`` must end in .gif.
     """

@@ -223,14 +223,14 @@ def driven_span_s(recording: Recording) -> tuple[float, float]:
 
 
 def version_text(recording: Recording) -> str:
-    """The recorded versions, and the plug-ins that have changed since, as text."""
+    """Returns the recorded versions, and the plug-ins that have changed since, as text."""
     return "; ".join(
         [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
     )
 
 
 def changed_plugins(recording: Recording) -> list[str]:
-    """Task and robot plug-ins that differ from the recorded ones.
+    """Returns the task and robot plug-ins that differ from the recorded ones.
 
     Controllers are omitted, because replay does not run them.
     """

@@ -82,7 +82,7 @@ class Verification:
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
-    """Recompute a recording from its first state, and compare states and control steps.
+    """Recompute a recording from its first state. Returns a comparison of all states and control steps.
 
     Args:
         recording: the recording of one attempt, complete or not.
@@ -187,7 +187,7 @@ def _part(model: mujoco.MjModel, state: FloatArray, part: _State) -> FloatArray:
 
 
 def _figures(step: Control) -> dict[str, FloatArray]:
-    """The results of a control step as arrays, by name."""
+    """Returns the results of a control step as arrays, by name."""
     terms = {f"term {name}": value for name, value in step.reward_terms.items()}
     values = {
         "observation": step.observation,

@@ -42,17 +42,17 @@ def result_message(check: HeadsetCheck, most: int) -> Text:
 
 
 def result_text(check: HeadsetCheck) -> str:
-    """The result for experimenters, with all faults."""
+    """Returns the result for experimenters, with all faults."""
     return "Go: the headset is ready." if is_ready(check) else f"No-go. {fault_text(check)}"
 
 
 def fault_text(check: HeadsetCheck) -> str:
-    """All faults, in English."""
+    """Returns all faults, in English."""
     return " ".join(ENGLISH.render(fault) for fault in faults(check))
 
 
 def measurement_text(check: HeadsetCheck) -> str:
-    """All measurements in one line."""
+    """Returns all measurements in one line."""
     total = check.latency_ms.get("total_ms")
     return "; ".join(
         [

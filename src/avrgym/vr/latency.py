@@ -27,7 +27,7 @@ def is_complete(latency: Latency) -> bool:
 
 
 def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
-    """Percentiles in milliseconds by stage, and of the total latency as ``total_ms``; empty without frames."""
+    """Returns percentiles in milliseconds by stage, and of the total latency as ``total_ms``; empty without frames."""
     stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
     if not stages[STAGES[0]].size:
         return {}

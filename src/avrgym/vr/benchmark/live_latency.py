@@ -117,7 +117,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 
 def _untrained(environment_id: str) -> Policy:
-    """A network with random weights. It has the size of trained networks and needs the same computing time."""
+    """Returns a network with random weights. It has the size of trained networks and needs the same computing time."""
     size, actions = sizes(environment_id)
     random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(

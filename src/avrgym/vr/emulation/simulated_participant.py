@@ -262,7 +262,7 @@ class SimulatedParticipant:
         self._behaviour_state = replace(self._behaviour_state, targets_rad=self._clip_to_ranges(targets))
 
     def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
-        """The observation, from the poses (7,) of bodies by name."""
+        """Returns the observation, from the poses (7,) of bodies by name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
@@ -320,11 +320,11 @@ class SimulatedParticipant:
         return self._clip_to_ranges((angles + trembling)[None])[0]
 
     def _clip_to_ranges(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Joint angles (1, 20) clipped to the participant's joint ranges."""
+        """Returns joint angles (1, 20) clipped to the participant's joint ranges."""
         return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
     def _posture_offsets(self, time_s: float) -> FloatArray:
-        """The change of the joint angles (20,) by lean, sway and arm posture."""
+        """Returns the change of the joint angles (20,) by lean, sway and arm posture."""
         traits = self.traits
         wave = traits.sway_deg * np.sin(
             2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
@@ -341,7 +341,7 @@ class SimulatedParticipant:
         return swaying - SEATED_RAD
 
     def _measure(self, part: str, pose: XRPose) -> XRPose:
-        """The measured pose, which differs at least slightly from the previous one."""
+        """Returns the measured pose, which differs at least slightly from the previous one."""
         if pose == self._measured.get(part):
             x, y, z = pose.position
             pose = XRPose((x + SENSOR_NOISE_M, y, z), pose.orientation)

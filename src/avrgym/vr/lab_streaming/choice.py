@@ -24,7 +24,7 @@ class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def stream_fault(name: str, query: str) -> str:
-    """The error in a stream's name or query, with the allowed values; empty if both are valid."""
+    """Returns the error in a stream's name or query, with the allowed values; empty if both are valid."""
     if not NAME_PATTERN.fullmatch(name):
         return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
     return (

@@ -28,7 +28,7 @@ SILENT_S, SILENT_INTERVALS = 1.0, 5.0
 class Inlet:
     """Receives the stream that matches a query. If the stream is lost, searches for it again.
 
-    Time stamps are on the local clock of Lab Streaming Layer, with its time correction applied.
+    Time stamps are corrected to the local clock of Lab Streaming Layer.
     """
 
     def __init__(self, name: str, query: str) -> None:
@@ -88,7 +88,7 @@ class Inlet:
 
 
 def describe(name: str, info: pylsl.StreamInfo) -> Stream:
-    """The description of a stream for recordings."""
+    """Returns the description of a stream for recordings."""
     return Stream(
         stream=name,
         source=info.name(),
@@ -100,7 +100,7 @@ def describe(name: str, info: pylsl.StreamInfo) -> Stream:
 
 
 def _plain(samples: NumpyArray) -> list[list[Any]]:
-    """Samples as lists of numbers or of text, decoded from bytes."""
+    """Returns samples as lists of numbers or of text, decoded from bytes."""
     if samples.dtype != object:
         return samples.tolist()
     return [[text.decode(errors="replace") for text in row] for row in samples]

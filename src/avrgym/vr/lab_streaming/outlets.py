@@ -20,7 +20,7 @@ SENT_BODIES = {
     "right_hand": f"{PREFIX}right_hand",
     "tool": "robot/tool",
 }
-"""The bodies whose poses are sent, by the name in the stream."""
+"""The bodies whose poses are sent, by their names in the stream."""
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
 BUFFER_S = 10
@@ -53,7 +53,7 @@ class Outlets:
 
 
 def event_text(event: SessionEvent) -> str:
-    """An event as JSON: its type and its fields, without the time."""
+    """Returns an event as JSON: its type and its fields, without the time."""
     fields: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
     del fields["time_s"]
     return msgspec.json.encode({"event": type(event).__name__, **fields}).decode()

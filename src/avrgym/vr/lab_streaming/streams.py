@@ -78,7 +78,7 @@ def _later(samples: StreamSamples, by_s: float) -> StreamSamples:
 
 @contextmanager
 def lab_streams(choice: StreamChoice) -> Generator[LabStreams]:
-    """Context manager: the streams of a session, closed at the end."""
+    """Context manager that yields the streams of a session and closes them at the end."""
     streams = LabStreams(choice)
     try:
         yield streams

@@ -1,4 +1,4 @@
-"""Drivers command the robot of a live world. A driver that fails or is late returns zero actions; it never raises."""
+"""Drivers command the robot of a live world. A late or failing driver returns zero actions and raises no error."""
 
 import threading
 import time
@@ -216,7 +216,7 @@ Work = Callable[[Controller], FloatArray | None]
 
 
 class Request:
-    """A request to a controller; ``answer`` or ``failure`` is set before it is ``done``."""
+    """A request to a controller; ``answer`` or ``failure`` is set before ``done`` is true."""
 
     def __init__(self, work: Work) -> None:
         self._work, self._requested_s, self._ended_s = work, time.monotonic(), 0.0
@@ -246,7 +246,7 @@ class Request:
         self._done.set()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until the request is done, at most this long."""
+        """Wait until the request is done, at most ``timeout_s``."""
         self._done.wait(timeout_s)
 
 
@@ -283,7 +283,7 @@ class Worker:
         self._queue.put(None)
 
     def join(self, timeout_s: float) -> None:
-        """Wait for the end of the thread, at most this long."""
+        """Wait for the end of the thread, at most ``timeout_s``."""
         self._thread.join(timeout_s)
 
     def _run(self) -> None:

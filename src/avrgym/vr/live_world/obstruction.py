@@ -48,7 +48,7 @@ class ObstructionMonitor:
         return tuple(part for part, held in zip(PARTS, self._obstructed.tolist(), strict=True) if held)
 
     def _displacement_m(self) -> FloatArray:
-        """Displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""
+        """Returns the displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""
         turns = self._torque[0, self._dofs] / self._stiffness
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]
         points_w = self._xpos[0, self._bodies] + self._along_m[:, None] * self._xmat[0, self._bodies, 2::3]

@@ -71,7 +71,7 @@ class LiveWorld:
 
     @property
     def simulation(self) -> Simulation:
-        """The physics."""
+        """The physics simulation."""
         return self._episodes.simulation
 
     @property
@@ -86,7 +86,7 @@ class LiveWorld:
 
     @property
     def task(self) -> Task:
-        """The task."""
+        """The task of the environment."""
         return self._episodes.task
 
     @property
@@ -111,7 +111,7 @@ class LiveWorld:
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
-        """Command the person's joints to the pose of the participant's head and hands."""
+        """Command the person's joints to angles that bring head and hands to the participant's pose."""
         self.joint_targets_rad = self._solver.solve(pose, self.joint_targets_rad)
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 

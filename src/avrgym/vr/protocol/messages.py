@@ -116,7 +116,7 @@ class Tracking(Message, frozen=True, tag="tracking"):
 
 
 class Receipt(Message, frozen=True, tag="receipt"):
-    """Acknowledges states: the total number received. It is sent after every ``STATES_PER_RECEIPT`` states."""
+    """Acknowledges states: ``states`` is the total number received. Sent after every ``STATES_PER_RECEIPT`` states."""
 
     states: Annotated[int, msgspec.Meta(ge=0)]
 
@@ -134,7 +134,7 @@ class Ready(Message, frozen=True, tag="ready"):
 
 
 class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
-    """The client displays the scene of this address."""
+    """The client displays the scene with this address."""
 
     url: Annotated[str, msgspec.Meta(max_length=128)]
 
@@ -146,7 +146,7 @@ class Stop(Message, frozen=True, tag="stop"):
 
 
 class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
-    """The visibility of the scene has changed. After each welcome it is ``visible``."""
+    """The visibility of the scene has changed. After each ``welcome``, the server assumes ``visible``."""
 
     visibility: Visibility
 
@@ -234,7 +234,7 @@ class ChooseParticipantBody(ChooseBody, frozen=True, tag="choose_body"):
 
 
 class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
-    """The torso height measured by the experimenter. The body is rebuilt with it."""
+    """The torso height measured by the experimenter. The body is rebuilt with this height."""
 
     torso_height_m: float
 
@@ -252,7 +252,7 @@ class Drive(Message, frozen=True, tag="drive"):
 
 
 class SceneWatched(Message, frozen=True, tag="scene_watched"):
-    """A watching page displays the scene of this address. The environment viewer waits for it; sessions do not."""
+    """A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not."""
 
     url: Annotated[str, msgspec.Meta(max_length=128)]
 
@@ -452,7 +452,7 @@ class Problem(Message, frozen=True, tag="problem"):
 
 
 class Feedback(Message, frozen=True, tag="feedback"):
-    """Haptic and acoustic feedback of one control step.
+    """Haptic and acoustic feedback for one control step.
 
     ``left_touched`` and ``right_touched``: whether robot or tool touch this arm, including the hand. ``events``: the
     number of bites or drops in the mouth, wiped markers, or scratches.
@@ -552,17 +552,17 @@ def encode(message: Message) -> bytes:
 
 
 def decode_client(data: bytes) -> ClientMessage:
-    """Decode a message from the client. Raises ``msgspec.DecodeError`` for invalid data."""
+    """Decode and return a message from the client. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_client_decoder, data)
 
 
 def decode_experimenter(data: bytes) -> ExperimenterMessage:
-    """Decode a message from a watcher. Raises ``msgspec.DecodeError`` for invalid data."""
+    """Decode and return a message from a watcher. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_experimenter_decoder, data)
 
 
 def decode_server(data: bytes) -> ServerMessage:
-    """Decode a message from the server. Raises ``msgspec.DecodeError`` for invalid data."""
+    """Decode and return a message from the server. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_server_decoder, data)
 
 

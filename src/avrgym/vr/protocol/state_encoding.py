@@ -96,7 +96,7 @@ class _DeltaCodec:
 
 
 def pack(rows: Integers, changes: Integers) -> bytes:
-    """Encode the changes (R, columns) of rows with ascending indices (R,).
+    """Encode the changes (R, columns) of the rows with these ascending indices (R,). Returns the bytes.
 
     For each row: the number of unchanged rows before it, then its changes in zigzag encoding. All are varints as in
     Protocol Buffers (https://protobuf.dev/programming-guides/encoding).
@@ -113,7 +113,7 @@ def pack(rows: Integers, changes: Integers) -> bytes:
 
 
 def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
-    """Decode the indices (R,) and the changes (R, columns) of rows.
+    """Decode the result of ``pack``. Returns the indices (R,) and the changes (R, columns) of rows.
 
     Raises:
         ValueError: for incomplete data.

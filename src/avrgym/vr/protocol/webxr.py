@@ -62,7 +62,7 @@ class Registration:
         return Pose(*transforms.invert(self.origin_w, self.q_w))
 
     def xr_from_world(self) -> XRPose:
-        """The pose of the world frame in ``local-floor``. A client places the scene at this pose."""
+        """Returns the pose of the world frame in ``local-floor``. A client places the scene at this pose."""
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
@@ -80,7 +80,7 @@ def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
 
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:
-    """The pose of the head (its centre and axes), computed from the headset's pose."""
+    """Returns the pose of the head (its centre and axes), computed from the headset's pose."""
     return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
 
 
@@ -88,7 +88,7 @@ HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSE
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
-    """The pose of the hand (centre of the fist, and axes), computed from a grip pose.
+    """Returns the pose of the hand (centre of the fist, and axes), computed from a grip pose.
 
     The origin of WebXR's grip space is the centre of the fist, so there is no offset.
     """
@@ -96,7 +96,7 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
 
 
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
-    """The pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
+    """Returns the pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
 
     The wrist's −z axis points to the fingers, its y axis out of the back of the hand (WebXR Hand Input). The −z axis of
     our hand points to the fingers too; its x axis points out of the back of a left hand.
@@ -113,7 +113,7 @@ HAND_FROM_WRIST_AXES = {
 
 
 def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
-    """The grip pose that is equivalent to a wrist pose: both give the same pose of the hand."""
+    """Returns the grip pose that is equivalent to a wrist pose: both give the same pose of the hand."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
     grip = _compose(seen, HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
@@ -122,7 +122,7 @@ def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
 
 
 def headset_from_head(registration: Registration, head: Pose) -> XRPose:
-    """The headset's pose, computed from the pose of the head; the inverse of ``head_pose``."""
+    """Returns the headset's pose, computed from the pose of the head; the inverse of ``head_pose``."""
     return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
 
 
@@ -130,7 +130,7 @@ _HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_OFFSET_M, 0.0])
 
 
 def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
-    """The grip pose, computed from the pose of the hand; the inverse of ``hand_pose``."""
+    """Returns the grip pose, computed from the pose of the hand; the inverse of ``hand_pose``."""
     return registration.from_world(_compose(hand, np.zeros(3), _DEVICE_FROM_BODY_AXES))
 
 

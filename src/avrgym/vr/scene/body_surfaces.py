@@ -18,7 +18,7 @@ from avrgym.vr.scene.skins import Skin, skins_of
 
 @dataclass(frozen=True, eq=False)
 class BodySurface:
-    """Triangles (F, 3) of vertices (V, 3) in metres in the frame of the body, with colours (V, 4) in [0, 1]."""
+    """A triangle mesh in the frame of a body: ``vertices`` (V, 3) in metres, ``faces`` (F, 3), ``rgba`` (V, 4)."""
 
     vertices: FloatArray
     faces: NDArray[np.int64]
@@ -26,7 +26,7 @@ class BodySurface:
 
 
 def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
-    """Surfaces by body name of a model that includes materials and textures."""
+    """Returns the surfaces of a model by body name. The model must include materials and textures."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     colours = geom_colours(model)
@@ -56,7 +56,7 @@ def _of_geom(
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
-    """The colour (V, 4) of each vertex: material colour times texture colour."""
+    """Returns the colour (V, 4) of each vertex: material colour times texture colour."""
     colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
     if texture >= 0:
         pixels = texture_pixels(model, texture)
@@ -69,7 +69,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
 
 
 def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
-    """Divide a skin by body. Each part is in the frame of its body."""
+    """Divide a skin by body. Returns body names and surfaces, each in the frame of its body."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
     weights = np.zeros((len(skin.vertices), len(bodies)))

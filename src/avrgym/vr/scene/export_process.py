@@ -29,14 +29,14 @@ def warm_up() -> None:
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULTS) -> bytes:
-    """The GLB file of an environment with a person."""
+    """Returns the GLB file of an environment with a person."""
     return export_glb(model_with_appearance(environment_id, person, settings))
 
 
 def model_with_appearance(
     environment_id: str, person: Person, settings: Settings = DEFAULTS
 ) -> mujoco.MjModel:
-    """The model of an environment with a person, including materials and textures."""
+    """Returns the model of an environment with a person, including materials and textures."""
     _, scene = task_and_scene(environment_id, settings)
     return build_spec(scene, person, moving=True, appearance=True).compile()
 

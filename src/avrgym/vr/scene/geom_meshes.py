@@ -24,14 +24,14 @@ _simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    """The mesh of a geom in the frame of its body."""
+    """Returns the mesh of a geom in the frame of its body."""
     mesh = _unplaced_mesh(model, geom).copy()
     mesh.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh
 
 
 def pose_matrix(pos: FloatArray, q: FloatArray) -> FloatArray:
-    """The homogeneous matrix (4, 4) of a pose."""
+    """Returns the homogeneous matrix (4, 4) of a pose."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = to_matrix(q), pos
     return matrix
@@ -46,7 +46,7 @@ def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 @lru_cache(maxsize=512)
 def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
-    """The mesh of a primitive geom type with these sizes; cached."""
+    """Returns the mesh of a primitive geom type with these sizes; cached."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return _flat(trimesh.creation.box(extents=2.0 * np.array(size)))
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -62,7 +62,7 @@ def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
 
 
 def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """The simplified mesh of a mesh asset; cached."""
+    """Returns the simplified mesh of a mesh asset; cached."""
     vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
     faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes()
@@ -73,7 +73,7 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The surface with fewer triangles, smooth normals and sharp edges."""
+    """Returns the surface with fewer triangles, smooth normals and sharp edges."""
     full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DIGITS)
     full.update_faces(full.nondegenerate_faces())
     count = len(full.faces)

@@ -50,7 +50,7 @@ _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 class Finish:
     """Properties of a surface except its colour.
 
-    ``texture`` is the id in the model, or −1. Cloth is ``two_sided``.
+    ``texture`` is the id of a texture in the model, or −1. Cloth is ``two_sided``.
     """
 
     metallic: float
@@ -74,7 +74,7 @@ class Finish:
 
 
 def export_glb(model: mujoco.MjModel) -> bytes:
-    """The GLB file of the visual geoms, skins and cloth of a model that includes materials and textures."""
+    """Returns the GLB file of the visual geoms, skins and cloth of a model that includes materials and textures."""
     return _Export(model).run()
 
 
@@ -129,7 +129,7 @@ class _Export:
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
     def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
-        """The geoms of one node, by finish, in the frame of the node's body."""
+        """Returns the geoms of one node, by finish, in the frame of the node's body."""
         pieces: dict[Finish, list[Piece]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
@@ -176,7 +176,7 @@ class _Export:
     # Skins
 
     def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
-        """Groups of skins that become one mesh. The head is separate: the first-person view hides it.
+        """Returns groups of skins that become one mesh. The head is separate: the first-person view hides it.
 
         The other skins have a cap at the neck.
         """
@@ -283,7 +283,7 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
 
 
 def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
-    """Groups of identical bodies with one geom each."""
+    """Returns groups of identical bodies with one geom each."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
         if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
@@ -299,7 +299,7 @@ def _full_range(shares: FloatArray, kind: type[np.unsignedinteger[Any]]) -> NDAr
 
 
 def _weights(weight_of: FloatArray) -> NDArray[np.uint8]:
-    """Weights (V, 4) in bytes that sum to 255."""
+    """Returns weights (V, 4) in bytes that sum to 255."""
     weights = np.round(255.0 * weight_of)
     weights[:, 0] += 255.0 - weights.sum(axis=1)
     return weights.astype(np.uint8)

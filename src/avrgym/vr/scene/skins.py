@@ -34,8 +34,11 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skin:
-    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3); four of
-    its ``bones`` and their weights for each vertex, (V, 4). ``material`` is the id in the model, or −1."""
+    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3).
+
+    ``bone_of`` and ``weight_of`` (V, 4): for each vertex, the indices of four ``bones`` and their weights. ``material``
+    is the id of a material in the model, or −1.
+    """
 
     name: str
     material: int
@@ -125,7 +128,7 @@ def with_cap(skin: Skin, other: Skin) -> Skin:
 
 
 def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
-    """The edges (E, 2) between a skin and an adjacent one, in the direction of the skin's triangles."""
+    """Returns the edges (E, 2) between a skin and an adjacent one, in the direction of the skin's triangles."""
     near, others_near = _near(skin.vertices, other.vertices), _near(other.vertices, skin.vertices)
     if not near.any() or not others_near.any():
         return np.zeros((0, 2), np.int64)
@@ -141,13 +144,13 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
 
 
 def _near(points: FloatArray, others: FloatArray) -> BoolArray:
-    """Mask (V,) of the points (V, 3) in the bounding box of others (W, 3)."""
+    """Returns a mask (V,) of the points (V, 3) in the bounding box of others (W, 3)."""
     low, high = others.min(axis=0) - WELD_DISTANCE_M, others.max(axis=0) + WELD_DISTANCE_M
     return ((points >= low) & (points <= high)).all(axis=1)
 
 
 def _places(points: FloatArray) -> NDArray[np.int64]:
-    """A number (V,) for each point (V, 3); coinciding points have the same number."""
+    """Returns a number (V,) for each point (V, 3); coinciding points have the same number."""
     steps = np.round(points / WELD_DISTANCE_M).astype(np.int64)
     steps -= steps.min(axis=0)
     cells = np.ravel_multi_index(tuple(steps.T), tuple(steps.max(axis=0) + 1))
@@ -155,13 +158,13 @@ def _places(points: FloatArray) -> NDArray[np.int64]:
 
 
 def _edges(faces: NDArray[np.integer[Any]], chosen: BoolArray) -> NDArray[np.int64]:
-    """The directed edges (E, 2) of triangles between chosen vertices, as indices among the chosen ones."""
+    """Returns the directed edges (E, 2) of triangles between chosen vertices, as indices among the chosen ones."""
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
 
 
 def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
-    """A unique number (E,) for each edge."""
+    """Returns a unique number (E,) for each edge."""
     return edges[:, 0] * places + edges[:, 1]
 
 
@@ -175,7 +178,7 @@ def _uv(model: mujoco.MjModel, skin: int) -> FloatArray:
 
 
 def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArray]:
-    """The bones of a skin and the weights (V, B) of its vertices."""
+    """Returns the bones of a skin and the weights (V, B) of its vertices."""
     vertices = _rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin)
     bones: list[Bone] = []
     weights: list[FloatArray] = []
@@ -199,13 +202,13 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
 
 
 def _end_z(model: mujoco.MjModel, body: int) -> float:
-    """The z coordinate of a body's child, in the frame of the body."""
+    """Returns the z coordinate of a body's child, in the frame of the body."""
     child = int(np.flatnonzero(model.body_parentid == body)[0])
     return float(model.body_pos[child, 2])
 
 
 def _normals(model: mujoco.MjModel) -> list[FloatArray]:
-    """Area-weighted normals (V, 3) of each skin, averaged over coinciding vertices of one material."""
+    """Returns area-weighted normals (V, 3) of each skin, averaged over coinciding vertices of one material."""
     found: list[FloatArray] = [np.zeros((0, 3))] * model.nskin
     for material in np.unique(model.skin_matid):
         members = np.flatnonzero(model.skin_matid == material).tolist()

@@ -56,12 +56,12 @@ class Tokens:
 
     @classmethod
     def new(cls) -> "Tokens":
-        """New random secrets."""
+        """Returns new random secrets."""
         return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
 
     @classmethod
     def load_or_create(cls, path: Path) -> "Tokens":
-        """Read the tokens from a private file, or create the file. Addresses then remain valid after a restart.
+        """Read the tokens from a private file, or create the file. Addresses therefore remain valid after a restart.
 
         Raises:
             ValueError: if the file contains no tokens.
@@ -85,7 +85,7 @@ class Tokens:
         return found
 
     def refusal(self, token: str) -> Refusal:
-        """The reason for rejecting an unknown token, or a token of another role."""
+        """Returns the reason for rejecting an unknown token, or a token of another role."""
         return OLD_TOKEN if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:

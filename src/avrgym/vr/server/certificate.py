@@ -33,7 +33,7 @@ class Certificate:
 
 
 def lan_names() -> tuple[str, ...]:
-    """This computer's address and host names in the local network."""
+    """Returns this computer's address and host names in the local network."""
     host = socket.gethostname().partition(".")[0].lower()
     return (*_lan_addresses(), host, f"{host}.local")
 

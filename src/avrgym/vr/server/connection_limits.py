@@ -30,9 +30,9 @@ MAX_PER_ROLE = 64
 TLS_TIMEOUT_S = 5.0
 """Timeout of the TLS handshake."""
 IDLE_TIMEOUT_S = 10.0
-"""Timeout without a complete request, at the start and after a response."""
+"""Timeout of a connection that sends no complete request, at its start and after a response."""
 RESPONSE_TIMEOUT_S = 60.0
-"""Timeout for an unauthenticated request, and for the reception of any response."""
+"""Timeout for an unauthenticated request, and for the client to receive a response."""
 SWEEP_INTERVAL_S = 0.5
 OUT_OF_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 ACCEPT_RETRY_S = 0.05
@@ -195,7 +195,7 @@ def _is_own(host: str) -> bool:
 
 
 def max_open_files() -> int:
-    """Maximum number of open files and sockets of this process."""
+    """Returns the maximum number of open files and sockets of this process."""
     try:
         import resource
     except ImportError:  # Windows has no such limit for sockets

@@ -35,7 +35,7 @@ class CpuIdlePrevention:
 
 
 def _open_latency_file() -> BinaryIO | None:
-    """The open file that prevents idle states; ``None`` without permission."""
+    """Returns the open file that prevents idle states; ``None`` without permission."""
     try:
         file = LATENCY_FILE.open("wb", buffering=0)
         file.write(ZERO_LATENCY)

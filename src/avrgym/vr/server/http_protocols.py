@@ -59,7 +59,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.handle_parser_exception()
 
     def handle_parser_exception(self) -> None:
-        """Send the reason for closing, and discard further data for a while.
+        """Send the reason for closing, and discard further data for ``LINGER_S``.
 
         If the connection closed immediately, the system would discard the reason before the client reads it.
         """

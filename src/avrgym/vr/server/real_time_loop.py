@@ -30,7 +30,7 @@ PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next one was due (monotonic clock). ``lost``: number of ticks skipped after it."""
+    """A tick that ended after the next tick was due (monotonic clock). ``lost``: number of ticks skipped after it."""
 
     due_s: float
     ended_s: float
@@ -38,7 +38,7 @@ class LateTick:
 
 
 class Runnable(Protocol):
-    """A session of a participant, or an environment viewer. The loop runs it, and the server serves it."""
+    """Interface of sessions and of the environment viewer, for the real-time loop and the server."""
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person, Settings]]:

@@ -14,7 +14,7 @@ PACKAGE = str(Path(__file__).parents[2])
 FRAMED_PAGE = "/spectator"
 """The only page that may be in a frame; the dashboard contains it."""
 BUILT_FILES = "/assets/"
-"""Files whose names contain a hash of their content."""
+"""Folder of files whose names contain a hash of their content."""
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
@@ -72,7 +72,7 @@ class ResponseHeaders:
 
 
 class _Response:
-    """One response, sent with its headers."""
+    """One response, sent with the security headers."""
 
     def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
         self._scope, self._receive, self._send = scope, receive, send
@@ -111,7 +111,7 @@ def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list
 
 
 def _describe(error: Exception) -> str:
-    """Type and location of an error, without its message, which may contain a token or a name."""
+    """Returns the type and location of an error, without its message, which may contain a token or a name."""
     walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first frame caught the error
     frames = [(frame.f_code.co_filename, line) for frame, line in walked]
     own = [place for place in frames if place[0].startswith(PACKAGE)]

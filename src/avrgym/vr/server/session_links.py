@@ -36,7 +36,7 @@ def new_link() -> str:
 
 
 def link_sha256(link: str) -> str:
-    """The checksum of a link, which is stored."""
+    """Returns the checksum of a link, which is stored."""
     return hashlib.sha256(link.encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -75,7 +75,7 @@ class SessionLinks:
 
     @property
     def link(self) -> str | None:
-        """The link of the current session."""
+        """The link of the current session; ``None`` between sessions."""
         return None if self._open is None else self._open.link
 
     def begin(self, link: str, language: Language) -> None:
@@ -97,7 +97,7 @@ class SessionLinks:
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 
     def language_of_ended(self, token: str) -> Language | None:
-        """The language of the participant of an expired link; ``None`` for an unknown token."""
+        """Returns the language of the participant of an expired link; ``None`` for an unknown token."""
         return self._ended.get(link_sha256(token))
 
     def code(self) -> str | None:

@@ -47,7 +47,7 @@ def check_page(name: str) -> None:
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
-    """Create a listening socket.
+    """Returns a new listening socket.
 
     Raises:
         ServerError: if the port is not available, or other computers could connect without TLS.
@@ -99,7 +99,7 @@ class WebServer:
         return self._thread.is_alive()
 
     def wait(self, seconds: float) -> None:
-        """Wait until the server stops, at most for this time."""
+        """Wait until the server stops, at most for ``seconds``."""
         self._thread.join(seconds)
 
 

@@ -30,7 +30,7 @@ Configure = Callable[[int], Configuration]
 
 @dataclass(frozen=True)
 class AttemptResults:
-    """Results of an attempt up to now: success, and statistics of force and tool speed."""
+    """Results of an attempt until now: success, and statistics of force and tool speed."""
 
     success: bool = False
     force_mean_n: float = 0.0

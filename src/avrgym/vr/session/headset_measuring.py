@@ -48,7 +48,7 @@ class HeadsetMeasurement:
         self._latencies.append(latency)
 
     def take_frames(self, drawn: HeadsetFrames) -> None:
-        """Add the times at which frames were rendered."""
+        """Add the intervals between rendered frames."""
         self._drawn.append(drawn)
 
     def take_stop(self, method: StopMethod | Literal["none"], after_s: float | None = None) -> None:
@@ -131,7 +131,7 @@ def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
 
 
 def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
-    """Root mean square distance in metres of positions (N, 3) from their parabola over time."""
+    """Returns the root mean square distance in metres of positions (N, 3) from their parabola over time."""
     design = np.vander(times_s - times_s.mean(), 3)
     left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
     return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))

@@ -1,4 +1,4 @@
-"""Interruptions of an attempt before the robot has finished: the participant cannot act, or time was lost."""
+"""Interruptions of an attempt before the robot has finished: the participant cannot act, or the process stopped."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class Interruption:
 
 
 def lost_tracking(now_s: float, part: Part) -> Interruption:
-    """The interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
+    """Returns the interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
     message = Text(TIMED_OUT[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
@@ -48,7 +48,7 @@ def lost_tracking(now_s: float, part: Part) -> Interruption:
 
 
 def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
-    """The interruption if the participant no longer sees the scene."""
+    """Returns the interruption if the participant no longer sees the scene."""
     why = f"the participant does not see the scene: {UNSEEN[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
@@ -56,7 +56,7 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
 
 
 def lost_time(now_s: float, seconds: float) -> Interruption:
-    """The interruption if the process or its machine was suspended."""
+    """Returns the interruption if the process or its machine was suspended."""
     why = f"the computer stood still for {seconds:.1f} s"
     message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

@@ -127,7 +127,7 @@ Policies = Mapping[tuple[str, str], AnyPolicy]
 
 
 def load_policies(plan: SessionPlan) -> Policies:
-    """Load all policies of a plan.
+    """Load and return all policies of a plan.
 
     Raises:
         ValueError: for an unknown environment, or if a policy cannot be loaded.

@@ -47,7 +47,7 @@ class Questions:
         )
 
     def take(self, answer: messages.Answer) -> Answer:
-        """Store the answer to the current item and move to the next item.
+        """Store the answer to the current item and move to the next item. Returns the answer for the recording.
 
         Raises:
             ValueError: for an invalid answer. The message contains the allowed values.

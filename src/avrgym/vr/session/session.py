@@ -122,7 +122,7 @@ class Session:
 
     @property
     def attempt(self) -> Attempt | None:
-        """The running attempt."""
+        """The running attempt; ``None`` between attempts."""
         return self._state.storage.attempt
 
     @property
@@ -301,7 +301,7 @@ class Session:
             self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))
 
     def _check_storage(self) -> None:
-        """Report a slow disk. If the recording or the observer cannot store a trial, stop."""
+        """Report a slow disk. Stop the robot and end the attempt if recording or observer cannot store a trial."""
         state, storage = self._state, self._state.storage
         stored, failure = state.sink.all_stored(), storage.take_failure()
         if failure is not None:

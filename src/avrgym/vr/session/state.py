@@ -146,7 +146,7 @@ class SessionState:
             self.send_placed(self.send)
 
     def take_placing_tracking(self, tracking: messages.Tracking) -> None:
-        """Add a tracking frame. The first usable frame determines the participant's place."""
+        """Add a tracking frame. The first usable frame determines the participant's position and direction."""
         frame = self.tracking.take(tracking, self.now_s)
         if frame.usable and self.tracking.registration is None:
             assert tracking.head is not None
@@ -254,7 +254,7 @@ class SessionState:
         return False
 
     def reset_place(self) -> None:
-        """Delete the participant's place. The next usable frame determines it."""
+        """Delete the participant's position and direction. The next usable frame determines them."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
     # Latency of the pictures -------------------------------------------------------------------------------------

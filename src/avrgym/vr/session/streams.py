@@ -16,7 +16,7 @@ SEND_INTERVAL_TICKS = 2
 
 
 class Streams(Protocol):
-    """The streams of other devices. Methods never block. Times are of the session's clock."""
+    """The streams of other devices. Methods never block. Times are on the session's clock."""
 
     @property
     def present(self) -> Mapping[str, bool]:
@@ -52,7 +52,7 @@ class StreamRecording:
         return [StreamStatus(name, present) for name, present in self._present.items()]
 
     def tick(self) -> None:
-        """Update after a tick."""
+        """Record received samples, and send the world's state. Call it after each tick."""
         state, now_s = self._state, self._state.now_s
         arrived = self._streams.take(now_s)
         self._ticks += 1

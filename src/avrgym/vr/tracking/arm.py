@@ -40,8 +40,8 @@ path."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
 POLE_RAD = 0.006
-"""If the upper arm is within this angle of the forward direction, its direction is approximate: 3 mm for an arm of 0.5
-m."""
+"""If the upper arm is within this angle of the forward direction, the solver approximates its direction. The error is
+at most 3 mm for an arm of 0.5 m."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
@@ -50,7 +50,7 @@ SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006
 """Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
 never jump. All costs are tuned on poses of free movement."""
 RAISED_ELBOW_COST = 0.025
-"""Half the cost of an elbow opposite its rest position."""
+"""Half of the cost difference between an elbow opposite to its rest direction and an elbow at rest."""
 ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, slightly outwards and forwards."""
 COMFORTABLE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -120,7 +120,7 @@ class ArmSolver:
         angles: FloatArray,
         limits: tuple[FloatArray, FloatArray],
     ) -> FloatArray:
-        """A damped least-squares step (7,). Joints at a limit do not move beyond it."""
+        """Returns a damped least-squares step (7,). Joints at a limit do not move beyond it."""
         data = self._data
         data.qpos[_RIGHT] = angles
         mujoco.mj_kinematics(self._model, data)
@@ -145,7 +145,7 @@ _DAMPING = DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
-    """Rotation vector (3,) from a rotation matrix (9,), flattened by rows, to a target matrix (3, 3)."""
+    """Returns the rotation vector (3,) from a rotation matrix (9,), flattened by rows, to a target matrix (3, 3)."""
     difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
     mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
     mujoco.mju_mat2Quat(q, difference)
@@ -154,7 +154,7 @@ def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
 
 
 def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray) -> FloatArray:
-    """The hands' centres (A, 3), moved along the lines from shoulders to wrists into the reach of the arms."""
+    """Returns the hands' centres (A, 3), moved along the lines from shoulders to wrists into the reach of the arms."""
     to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
@@ -188,7 +188,7 @@ def comfortable_angles(
 def _swivelling(
     lengths: ArmLengths, wrist: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Elbow angles (A,) of A arms, and coefficients (A, 11, 3) of the swivel angle for ``_harmonics``.
+    """Returns elbow angles (A,) of A arms, and coefficients (A, 11, 3) of the swivel angle for ``_harmonics``.
 
     The swivel angle changes the upper arm's axes in the shoulder's frame. It also changes the forearm's axes in the
     hand's frame, before the joint forearm_z is applied. Row i of the coefficients belongs to row i of ``_ENTRIES``.
@@ -228,7 +228,7 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
 
 
 def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
-    """Axes (3, 3) as columns: −z points towards the wrist, x is close to the elbow's hinge.
+    """Returns axes (3, 3) as columns: −z points towards the wrist, x is close to the elbow's hinge.
 
     If the hinge points to the wrist, x is the hinge after a rotation of the upper arm by 90°.
     """
@@ -246,7 +246,7 @@ def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
 
 
 def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
-    """The axis of the elbow's hinge, which is the x axis of the upper arm."""
+    """Returns the axis of the elbow's hinge, which is the x axis of the upper arm."""
     y, x, z = angles_rad[:3]
     across, along = sin(x) * sin(z), cos(z)
     return cos(y) * along + sin(y) * across, cos(x) * sin(z), cos(y) * across - sin(y) * along
@@ -281,7 +281,7 @@ _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist
 
 
 def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """Joint angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivel angles, with both solutions of the
+    """Returns joint angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivel angles, with both solutions of the
     shoulder."""
     read = entries.transpose(1, 0, 2)
     angles = np.empty((7, 2, *read.shape[1:]))
@@ -304,7 +304,7 @@ _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
 def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatArray) -> None:
-    """Keep the angle of shoulder y if the upper arm points nearly forward. The hand hardly moves by this.
+    """Keep the angle of shoulder y if the upper arm points nearly forward. This hardly moves the hand.
 
     In this direction y and z rotate about the same axis, and exact solutions would rotate both joints fast while the
     arm passes it. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
@@ -316,7 +316,7 @@ def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatA
 
 
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """The costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
+    """Returns the costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
     The cost of motion is the squared difference from the current angle of each joint, the cost of discomfort that from
     its comfortable angle. Up to a constant, their sum is the squared difference from the weighted mean of both angles.

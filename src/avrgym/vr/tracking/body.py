@@ -152,7 +152,7 @@ class BodySolver:
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
-        """The target of a pose. A left hand is treated as the right hand of the mirrored person."""
+        """Returns the target of a pose. A left hand is treated as the right hand of the mirrored person."""
         torso_rad = torso_angles(self.person, pose.head, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {
@@ -170,7 +170,7 @@ class BodySolver:
         )
 
     def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The position of the waist in the world, (3,), and the torso's axes (3, 3) as columns."""
+        """Returns the position of the waist in the world, (3,), and the torso's axes (3, 3) as columns."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ from_euler_xyz(*waist_rad.tolist())
 

@@ -22,7 +22,7 @@ MAX_GAZE_PITCH_SINE = 0.85
 
 
 MAX_GAP_FRAMES = 1000
-"""Maximum step of frame numbers: ten seconds of a headset's frames."""
+"""Maximum increase of the frame number from one frame to the next: ten seconds of a headset's frames."""
 RESTART_FRAMES = 10
 """If this number of consecutive frames continue each other but not the stream, the stream has restarted."""
 
@@ -84,7 +84,7 @@ class TrackingFeed:
         self._recent: deque[Frame] = deque()
 
     def add(self, tracking: Tracking, now_s: float) -> Frame:
-        """Add a frame that arrives now."""
+        """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
         frame = Frame(tracking, now_s, self._captured_s(tracking, now_s), self._is_usable(tracking))
         self._arrived.append(frame)
         if frame.usable:

@@ -31,7 +31,7 @@ def min_duration_s(one: XRPose, other: XRPose) -> float:
 
 
 def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """Interpolates between two poses; ``share`` is 0 to 1."""
+    """Returns the interpolation between two poses; ``share`` is 0 to 1."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )
@@ -85,7 +85,7 @@ class Limb:
 
 
 class Limbs:
-    """Head and hands of one stay in VR."""
+    """The filtered poses of head and hands during one stay in VR."""
 
     def __init__(self) -> None:
         self._limbs: dict[Part, Limb] = {part: Limb() for part in PARTS}

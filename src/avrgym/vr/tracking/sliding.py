@@ -22,7 +22,7 @@ SAMPLES_PER_SECOND = 11
 """Number of samples in one second."""
 STEADY_RADIUS_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
-"""If a resting head is farther than this from its solved position, the participant has slid."""
+"""If a resting head is farther than this from the simulated head, the participant has slid."""
 MAX_DISTANCE_M = 0.6
 MAX_SHIFT_M = 0.1
 """A participant has left the seat if they are farther than ``MAX_DISTANCE_M`` from the rest position, or higher than

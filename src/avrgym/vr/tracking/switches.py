@@ -116,7 +116,7 @@ class Hand:
 
 
 class Hands:
-    """Both hands of one stay in VR."""
+    """The devices and corrections of both hands during one stay in VR."""
 
     def __init__(self) -> None:
         self._left, self._right = Hand("left"), Hand("right")
@@ -137,7 +137,7 @@ def _grip(hand: Hand, pose: XRPose | None, modality: Modality, captured_s: float
 
 
 def _held(modality: Modality) -> Modality:
-    """The modality of a hand whose pose has been converted to a grip."""
+    """Returns the modality of a hand whose pose has been converted to a grip."""
     return "controller" if modality == "hand" else modality
 
 

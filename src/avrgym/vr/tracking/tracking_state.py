@@ -63,7 +63,7 @@ class TrackingState:
         self._glide: Glide | None = None
 
     def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
-        """Add a frame that arrives now."""
+        """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
         return self._feed.add(tracking, now_s)
 
     def take_arrived(self) -> list[Frame]:
@@ -107,14 +107,14 @@ class TrackingState:
         self.update_place(person)
 
     def update_place(self, person: Person) -> None:
-        """Keep the participant's place for a person with another torso height."""
+        """Adapt the registration to a person with another torso height. The participant's seat does not move."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
     def reset_place(self) -> None:
-        """Delete the participant's place. The next usable frame determines it."""
+        """Delete the participant's position and direction. The next usable frame determines them."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
     def steady_head(self, now_s: float) -> XRPose:

@@ -44,7 +44,7 @@ TrialStart = (
 )
 """Phases that may follow when a trial is to start."""
 SessionEnd = Finished | RecordingFailed
-"""Phases that may follow at the end of a session, if an answered trial must be completed first."""
+"""Phases that may follow a request to end the session. An answered trial is completed first."""
 AfterRobot = TrialStart | Finished | Questionnaire
 """Phases that may follow when the robot has finished, in VR or not."""
 AfterEntering = CheckStart | Calibration | LoadCalibration | SessionEnd

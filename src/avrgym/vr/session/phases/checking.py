@@ -58,7 +58,7 @@ class HeadsetCheckPhase(InVR):
         return self._calibrate_again()
 
     def _ask_senses(self) -> CheckSenses | CheckResult:
-        """Ask about haptics and sound, if the plan has them."""
+        """Returns the phase that asks about haptics and sound, if the plan has them; otherwise the result."""
         plan = self.state.plan
         asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_motors) + [SOUND_ITEM] * plan.sounds
         if asked:
@@ -67,7 +67,7 @@ class HeadsetCheckPhase(InVR):
 
 
 class CheckStart(HeadsetCheckPhase):
-    """The participant prepares. The trigger starts the check, which also tests the trigger."""
+    """The participant prepares. The trigger starts the check, and is thus tested too."""
 
     name = "headset"
     message = Text("headset_check")
@@ -223,7 +223,7 @@ class CheckSenses(HeadsetCheckPhase):
 
 
 class CheckResult(HeadsetCheckPhase):
-    """Shows whether the headset passed, and what to do if not."""
+    """Shows whether the headset passed the check, and otherwise the remedies."""
 
     name = "headset"
     awaits_ready = True

@@ -120,7 +120,7 @@ class InVR(Ongoing):
 
 
 class InPlace(InVR):
-    """The participant's place is known, so a trial can start."""
+    """The participant's position and direction are known, so a trial can start."""
 
     in_place = True
 

@@ -19,8 +19,9 @@ class Phase:
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
     emergency stop stops it. ``robot_finished``: the robot has finished, and the trial counts. ``in_place``: the
-    participant's place is known, so a trial can start. ``awaits_ready``: the trigger continues. ``can_recalibrate``:
-    the participant may be calibrated again. ``can_choose_body``: the body can be changed, because no trial runs.
+    participant's position and direction are known, so a trial can start. ``awaits_ready``: the trigger continues.
+    ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body can be changed, because
+    no trial runs.
     """
 
     name: ClassVar[PhaseName]
@@ -56,7 +57,7 @@ class Phase:
         self.state.take_latency(latency)
 
     def take_frames(self, drawn: messages.HeadsetFrames) -> None:
-        """Take the render times of the last second's frames."""
+        """Take the intervals between the rendered frames of the last second."""
 
     def enter_vr(self) -> Phase:
         """The participant entered VR, or takes part without a headset."""
@@ -72,7 +73,7 @@ class Phase:
         return self
 
     def on_origin_reset(self) -> Phase:
-        """The origin of tracking has changed; the participant's place is unknown."""
+        """The origin of tracking has changed; the participant's position and direction are unknown."""
         return self
 
     def on_ready(self) -> Phase:
@@ -94,9 +95,9 @@ class Phase:
     # Messages of participant or experimenter ------------------------------------------------------------------------
 
     def stop(self, by: events.Initiator, method: StopMethod | None = None) -> Phase:
-        """The emergency stop: stop the robot immediately; the running trial may be repeated.
+        """The emergency stop: stop the robot immediately. The running trial may be repeated.
 
-        ``method`` is how the participant stops it.
+        ``method`` is the participant's stop method.
         """
         return self._refuse("holds_already", by)
 
@@ -170,12 +171,12 @@ class Phase:
         return self
 
     def fail(self, error: Exception) -> Phase:
-        """Called if an event or attempt cannot be stored."""
+        """An event or attempt cannot be stored."""
         self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
-        """Called when a trial's completion is stored."""
+        """The completion of a trial has been stored."""
         return self
 
     def wait(self) -> Phase:
@@ -183,7 +184,7 @@ class Phase:
         return self
 
     def on_timeout(self) -> Phase:
-        """Called when the phase's ``seconds`` are over."""
+        """The phase's ``seconds`` are over."""
         return self
 
     # -------------------------------------------------------------------------------------------------------------

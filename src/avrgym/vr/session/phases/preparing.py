@@ -59,7 +59,7 @@ class Calibration(InVR):
         return self
 
     def on_ready(self) -> LoadCheck | ReachForward | Self:
-        """Calibrate height, place and direction from the last half second of tracking.
+        """Calibrate torso height, position and direction from the last half second of tracking.
 
         Without a headset, the arms are not measured.
         """
@@ -103,7 +103,7 @@ class ReachMeasurement(InVR, ABC):
             self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
 
     def on_ready(self) -> LoadCheck:
-        """Continue with arms of mean length."""
+        """Skip the measurement. The arms then have mean length."""
         return LoadCheck(self.state)
 
     @property
