@@ -29,5 +29,6 @@ def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bo
 
 
 def next_to_person(x_m: float, y_m: float) -> Mount:
-    """The mount of a stand on the person's right side. A search at the start of each episode determines its pose."""
+    """The mount of a stand on the person's right side. A search at the start of each episode determines the pose of the
+    stand."""
     return Mount((x_m, y_m, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))

@@ -77,7 +77,8 @@ class ApproachSpeedMonitor(PerWorldState):
 
 
 def effective_mass_kg(simulation: Simulation) -> float:
-    """Returns a robot's effective mass in an impact: half the mass that its joints or its drive move, plus the tool.
+    """Returns a robot's effective mass in an impact: half the mass that the joints or the drive move, plus the tool's
+    mass.
 
     ISO/TS 15066:2016, A.3.4.
     """

@@ -76,7 +76,8 @@ class ForceGuard(PerWorldState):
         return self.output
 
     def update(self, commanded: FloatArray | None = None) -> BoolArray:
-        """Updates ``output`` before each further physics step. Returns a mask (N,) of the worlds in which it changes.
+        """Updates ``output`` before each further physics step. Returns a mask (N,) of the worlds in which ``output``
+        changes.
 
         ``commanded`` (N, A) are the new commands, if any.
         """

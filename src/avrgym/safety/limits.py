@@ -14,7 +14,8 @@ an *effective mass* and a *spring constant* (table A.3); see ``max_impact_speed_
 different compliance, see ``models.compliance``.
 
 Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit. The standard
-has no feet; they count as lower legs. The front of the cranium, with eyes and nose, has the forehead's limit.
+has no limits for feet; feet count as lower legs. The front of the cranium, with eyes and nose, has the forehead's
+limit.
 """
 
 from collections.abc import Mapping

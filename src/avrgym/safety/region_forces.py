@@ -25,8 +25,8 @@ three fingers has fewer than 8; a sleeve around an arm has up to 40."""
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Measure the contacts of robot and cloth with each geom of the person.
 
-    The sensors do not change the simulation. With many contacts they increase the time of a physics step by up to a
-    sixth.
+    The sensors do not change the simulation. With many contacts, a physics step takes up to a sixth longer with the
+    sensors.
     """
     contacts = GEOM_CONTACTS if scene.tool.cloth is None else CLOTH_GEOM_CONTACTS
     for geom in REGION_OF_GEOM:
@@ -107,7 +107,7 @@ class RegionStatistics:
 
 
 def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
-    """Returns the statistics of every region, by its name."""
+    """Returns the statistics of every region, by region name."""
     return {
         region.name: RegionStatistics(
             mean_n=float(loads.mean_n[:, index].mean()),

@@ -19,7 +19,7 @@ from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
 
 SPEED_M_S = 0.08
-"""Speed of the tool. With the servos' overshoot it remains below 0.1 m/s, also near the head."""
+"""Speed of the tool. With the servos' overshoot the speed remains below 0.1 m/s, also near the head."""
 MOUTH_DISTANCE_M = 0.32
 """Distance between tool and mouth at the end of the retreat."""
 PERSON_DISTANCE_M = 0.10

@@ -52,8 +52,8 @@ class Withdrawal(PerWorldState):
         self._actions = None
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) for the next control step: the withdrawal's in the worlds that it drives, else the
-        commands."""
+        """Returns the actions (N, J) for the next control step: the withdrawal's actions in the worlds that it drives,
+        elsewhere the commands."""
         if not self.driving.any():
             return commanded
         if self._actions is None:

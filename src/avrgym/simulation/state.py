@@ -67,8 +67,8 @@ class State(RightArm):
 class Start:
     """The initial state of n worlds.
 
-    It consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and
-    the positions (n, 3) of the scene's movable furniture. ``missed_m`` (n,) is the distance of the tool from its
+    The state consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J),
+    and the positions (n, 3) of the scene's movable furniture. ``missed_m`` (n,) is the distance of the tool from its
     intended position, if the scene checks the reach.
     """
 

@@ -41,8 +41,8 @@ __all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "Stat
 
 
 MAX_LEAD_RAD = 0.08
-"""Maximum difference between a servo's target and the joint. It limits the force of a blocked servo. For slides, see
-``kinematics.joint_units``."""
+"""Maximum difference between a servo's target and the joint. This difference limits the force of a blocked servo. For
+slides, see ``kinematics.joint_units``."""
 
 
 BASE_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -64,7 +64,7 @@ def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) 
 
 
 class Simulation:
-    """N worlds of a scene. Each world has its own person, which every reset sets."""
+    """N worlds of a scene. Each world has its own person. Every reset sets this person."""
 
     def __init__(
         self,
@@ -332,7 +332,7 @@ class Simulation:
         ``total_force_n``.
 
         Raises:
-            RuntimeError: if they are not measured.
+            RuntimeError: if these forces are not measured.
         """
         if self._region_forces is None:
             raise RuntimeError("forces by region are not measured; create the simulation with by_region=True")
@@ -353,7 +353,8 @@ class Simulation:
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
     def present_base(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the robots' bases now; they differ from ``robot_base`` if the robot drives."""
+        """Returns the present poses of the robots' bases, as in ``robot_base``. Driving robots move away from their
+        initial pose."""
         if self._drive is None:
             return self.robot_base()
         body = self._names.robot_base

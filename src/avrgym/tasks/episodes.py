@@ -318,7 +318,7 @@ class Episodes:
     def checked(self, actions: FloatArray) -> FloatArray:
         """Check actions (N, J) and return them as an array.
 
-        On a device, actions must be tensors on this device in its precision. ``check`` reports numbers that are not
+        On a device, actions must be tensors on this device in single precision. ``check`` reports numbers that are not
         finite.
 
         Raises:

@@ -1,4 +1,5 @@
-"""Observations of people as agents: tool and goal in the frame of their hips, their body, and forces on them."""
+"""Observations of people as agents: tool and goal in the frame of the person's hips, the person's body, and the forces
+on the person."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,9 +41,9 @@ class PersonInputs:
 class HumanView:
     """Computes a person's observation, as in Assistive Gym; metres, radians, newtons.
 
-    The order is: position (3) and quaternion (4) of the tool; the tool's position relative to its goal (3), if the
-    robot observes it; all 20 joint angles; positions of shoulder, elbow and wrist (9) if an arm is offered, otherwise
-    position (3) and quaternion (4) of the head; the force of robot and tool (1) and of the tool (1).
+    The order is: position (3) and quaternion (4) of the tool; the tool's position relative to its goal (3), if this is
+    part of the robot's observation; all 20 joint angles; positions of shoulder, elbow and wrist (9) if an arm is
+    offered, otherwise position (3) and quaternion (4) of the head; the force of robot and tool (1) and of the tool (1).
     """
 
     def __init__(self, offered: OfferedPart, observation: Observation) -> None:

@@ -28,9 +28,9 @@ MAX_FORCE_N = 10_000.0
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of an observation: name, number of values, bound (±), and the function that computes it.
+    """An entry of an observation: name, number of values, bound (±), and the function that computes the values.
 
-    Training normalises by the observed variance, or by ``scale`` (in the entry's unit) if it is given.
+    Training normalises by the observed variance, or by ``scale`` (in the entry's unit) if the entry has a scale.
     """
 
     name: str

@@ -22,7 +22,7 @@ from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
-them: they are enough for 75 joints."""
+these numbers: they are enough for 75 joints."""
 X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
 """Edge of wheelchair and bed on the person's right: x coordinate."""

@@ -115,7 +115,8 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
 
 
 def is_collision_free(task: str, robot: Robot, joint_positions: FloatArray) -> BoolArray:
-    """Boolean mask (n,): poses (n, J) of a robot's arm without contact with person and furniture, base at its mount.
+    """Boolean mask (n,): poses (n, J) of a robot's arm without contact with person and furniture. The base is at its
+    mount.
 
     The person is in the task's rest pose, in both body models of mean height.
     """

@@ -1,6 +1,6 @@
 """Settings of an environment: parameters of its scene and control.
 
-Environments, commands, ``study.toml`` and recordings use the same record. With its defaults nothing changes.
+Environments, commands, ``study.toml`` and recordings use the same record. The default settings change nothing.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from avrgym.models.scene import CONTROL_STEP_S
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
 DRAWN_SETTINGS = ("torso_height_m", "range_share")
-"""Settings of randomly drawn people. They have no effect on a fixed person or a participant."""
+"""Settings of randomly drawn people. These settings have no effect on a fixed person or a participant."""
 LARGEST_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
 FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)

@@ -156,7 +156,8 @@ class Task:
         marks: marks on the person.
         withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
             ``withdraw_after_success``.
-        variant: returns the task with the tool, particles and table of settings; ``None``: it has no such settings.
+        variant: returns the task with the tool, particles and table of settings; ``None``: the task has no such
+            settings.
         tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of one
             is lost, the attempt ends.
 

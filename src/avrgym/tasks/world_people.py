@@ -88,8 +88,8 @@ class WorldPeople:
             num_worlds: N.
             person: one fixed person, instead of ``name_or_path``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
-            driven: whether the caller moves their joints.
-            human_actions: whether they execute actions.
+            driven: whether the caller moves the people's joints.
+            human_actions: whether people execute actions.
             settings: heights and joint ranges of drawn people.
 
         Raises:
@@ -214,7 +214,7 @@ class WorldPeople:
         """Returns the joint targets (N, 20) for the end of the next 0.1 s, and a mask (N,) of the worlds in which they
         are new; ``None``: all worlds.
 
-        Call it in every control step, or every 0.1 s if control steps are longer.
+        Call this method in every control step, or every 0.1 s if control steps are longer.
         """
         if self._steps_per_target == 1:
             return self._behaviour.step(observe, self._device_people, self._limit), None

@@ -4,8 +4,8 @@ In MuJoCo the geom with the higher priority determines a contact's parameters. W
 explicit stiffness and damping (``solref`` below zero), and uses the lower of the two geoms' values. This module sets
 the parameters of the geom with the higher priority, for example of the washcloth on skin.
 
-In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower, so
-they become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were
+In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower:
+people become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were
 higher. People's contacts would then have the last value at any depth. This module therefore sets MuJoCo's impedance at
 the present depth as a constant, with the corresponding stiffness and damping.
 """

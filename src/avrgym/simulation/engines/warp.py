@@ -49,7 +49,7 @@ def libraries() -> _Libraries:
     """Returns the packages of the extra.
 
     Raises:
-        RuntimeError: if it is not installed.
+        RuntimeError: if the extra is not installed.
     """
     try:
         warp, torch = import_module("warp"), import_module("torch")

@@ -72,7 +72,8 @@ def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_
 def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """Standoff (N,) from the goal for lateral offsets (N,), in metres.
 
-    The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``most_m``.
+    The standoff is 0 for offsets up to ``free_m``. For larger offsets the standoff increases linearly, to at most
+    ``most_m``.
     """
     return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
 

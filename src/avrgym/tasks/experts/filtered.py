@@ -19,7 +19,7 @@ def filtered(expert: Expert) -> Expert:
     """Returns the expert with a changed input: the person's pose is the mean of the present and the previous control
     step.
 
-    Tremor changes direction at every control step (``people.impairments``). The average therefore removes it.
+    Tremor changes direction at every control step (``people.impairments``). The mean therefore removes the tremor.
     """
 
     def make(episodes: RunningEpisodes) -> Controller:

@@ -35,7 +35,8 @@ class MotionPlanner:
     Attributes:
         joint_positions: planned joint positions (N, J).
         pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
-        posture: preferred posture (N, J), initially the start positions. It determines motion in the arm's null space.
+        posture: preferred posture (N, J), initially the start positions. The preferred posture determines the motion in
+            the arm's null space.
         scene: the scene of all worlds.
     """
 
@@ -61,7 +62,7 @@ class MotionPlanner:
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Actions (N, J) that move the tool along a straight line to its target, (N, 3) and (N, 4).
+        """Returns actions (N, A) that move the tool along a straight line to the target pose, (N, 3) and (N, 4).
 
         The tool moves as fast as the joints allow, up to the given speeds.
         """

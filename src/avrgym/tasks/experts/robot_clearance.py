@@ -90,8 +90,8 @@ class Clearance:
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
     def min_distance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
-        """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative where they
-        overlap.
+        """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative if the arm
+        overlaps them.
 
         ``tool`` includes the tool; the hand is always included.
         """

@@ -92,7 +92,7 @@ def evaluate_step(
 
 
 def strong_tool_force(state: State) -> FloatArray:
-    """Contact force of the tool on the person (N,) in newtons if it is above the limit, else 0."""
+    """Contact force of the tool on the person (N,) in newtons if this force is at or above the limit, else 0."""
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 

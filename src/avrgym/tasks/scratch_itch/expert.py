@@ -36,7 +36,8 @@ DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.p
 ROD = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M, LOOKAHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
-"""Half axes of the tip's elliptic path around the itch, along and across the limb, and the look-ahead angle on it."""
+"""Half axes of the tip's elliptic path around the itch, along and across the limb, and the look-ahead angle on this
+path."""
 
 
 class ForceControl(NamedTuple):
@@ -123,8 +124,8 @@ class ScratchItchExpert:
 
 
 def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
-    """Joint positions (N, J) with the tool in front of the wrist and above it, the rod pointing down, and their cost
-    (N,)."""
+    """Returns joint positions (N, J) and their cost (N,). The tool is in front of the wrist and above it; the rod
+    points down."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
@@ -180,7 +181,7 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
-    """Tip position (..., 3) when a rod with direction ``into`` touches the skin with its round end."""
+    """Position (..., 3) of the tip of a rod with direction ``into`` whose round end touches the skin at ``skin_w``."""
     return skin_w + RADIUS_M * (out + into)
 
 

@@ -27,11 +27,11 @@ FRONT_MAX_HAND_ANGLE_RAD, FRONT_MAX_ROD_ANGLE_RAD = 1.0, 0.2
 """Direction with clearance for a hand in front of the person (``FRONT_W``, world frame), and the two angle limits of
 this hand."""
 INWARD_RANGE, NOT_DOWNWARD_RANGE = (0.6, 0.85), (-0.5, -0.3)
-"""Ranges of the skin normal's x and z components over which the hand changes to the front. It changes for skin that
-faces the person's left and does not face down."""
+"""Ranges of the skin normal's x and z components over which the hand changes to the front. The hand changes to the
+front for skin that faces the person's left and does not face down."""
 ROTATION_RANGE_RAD = (0.2, 0.6)
-"""A hand in front of the person approaches the itch if its remaining rotation is below the first value. Above the
-second value it waits in front of the wrist."""
+"""A hand in front of the person approaches the itch if the hand's remaining rotation is below the first value. Above
+the second value the hand waits in front of the wrist."""
 ZERO_TO_ONE = (0.0, 1.0)
 """Range of a blending weight."""
 MAX_LATERAL_OFFSET_M = 0.02
@@ -42,7 +42,8 @@ RUB_SPEED_M_S = 0.06
 FORCE_CONTROL = expert.ForceControl(force_n=2.5, gain_m_n=0.0008, min_step_m=-0.006, max_step_m=0.001)
 """Rubbing speed and force control. The depth increases slowly for a steady force, and decreases quickly."""
 MAX_LINK_FORCE_N, DRAW_BACK_M, DRAW_BACK_SPEED_M_S = 5.0, 0.03, 0.3
-"""Force of the links on the person above which the arm withdraws, distance of the withdrawal, and its speed."""
+"""Force of the links on the person above which the arm withdraws, distance of the withdrawal, and speed of the
+withdrawal."""
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
@@ -104,8 +105,8 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """Preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
 
     This is the skin normal, rotated towards free space: to the person's right, and forwards and upwards for skin that
-    faces up, backwards and downwards for skin that faces down. The share ``in_front`` (N,) rotates it to the front,
-    over the lap.
+    faces up, backwards and downwards for skin that faces down. The share ``in_front`` (N,) rotates this direction to
+    the front, over the lap.
     """
     xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_HEIGHT) / SIDE_CHANGE_WIDTH)

@@ -1,7 +1,8 @@
 """Memory-based expert for scratching: stores whether the arm has swung to the front. Recurrent policies imitate it.
 
-The robot reaches the inner side of the forearm from the front, over the lap. On a direct path its elbow would touch the
-person. The arm therefore first makes a fixed joint-space motion to a point in front of the wrist and above it.
+The robot reaches the inner side of the forearm from the front, over the lap. On a direct path the robot's elbow would
+touch the person. The arm therefore first makes a fixed joint-space motion to a point in front of the wrist and above
+it.
 """
 
 from typing import NamedTuple
@@ -17,8 +18,8 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 
 
 class Swing(NamedTuple):
-    """Joint displacements (J,) of the motion to the front, and the skin normals for which it is used, see
-    ``faces_in``."""
+    """Joint displacements (J,) of the motion to the front, and ranges of the skin normals for which this motion is
+    used, see ``faces_in``."""
 
     displacement: tuple[float, ...]
     inwards: Range

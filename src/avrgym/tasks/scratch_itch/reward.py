@@ -19,8 +19,8 @@ ITCH_RADIUS_M = 0.025
 MIN_STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
 ITCH_POSITION_RANGE = (0.2, 0.85)
-"""Range of the itch along a limb, as shares of the limb's length. It excludes the ends, which are inside shoulder and
-elbow."""
+"""Range of the itch along a limb, as shares of the limb's length. The range excludes the limb's ends, which are inside
+shoulder and elbow."""
 ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
 """Largest angle of the itch around upper arm and forearm, on both sides of the limb's outer side. The range excludes
 the third of the upper arm that faces the torso, where no robot hand fits."""
@@ -53,7 +53,8 @@ class ScratchItchState:
 
 
 def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
-    """An itch on the upper arm or forearm (equally likely), uniform along and around it."""
+    """Create an itch on the upper arm or forearm (equally likely). Its position along and around the limb is uniformly
+    distributed."""
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
     layout = human.layout_of(people)

@@ -37,7 +37,7 @@ from avrgym.tasks.task import Marks, Task, View, Views
 HAND_OFFSET_M, MOBILE_HAND_OFFSET_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
-"""Initial rotation of the scratcher: it points 45° upwards to the person's shoulder, past the elbow."""
+"""Initial rotation of the scratcher. The scratcher points 45° upwards to the person's shoulder, past the elbow."""
 
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=30.0),
