@@ -20,7 +20,7 @@ SAFETY_NOTE = (
 
 
 def adverse_events_section(analysis: Analysis) -> Markup:
-    """Return the report section; it includes people who withdrew."""
+    """Returns the report section; it includes people who withdrew."""
     events = latest_reports(analysis)
     shown = [_by_condition(analysis, events)] if events else []
     return tag(
@@ -35,12 +35,12 @@ def adverse_events_section(analysis: Analysis) -> Markup:
 
 
 def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
-    """Return the latest report of each adverse event in the study."""
+    """Returns the latest report of each adverse event in the study."""
     return list({row["event"]: row for row in analysis.adverse_events}.values())
 
 
 def describe_adverse_events(analysis: Analysis) -> str:
-    """Return sentences for the methods section: number of events, number of affected people, and lost reports."""
+    """Returns sentences for the methods section: number of events, number of affected people, and lost reports."""
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Return the conditions of ``trials``, sorted; then ``PRACTICE`` if there was practice, then ``OUTSIDE``."""
+    """Returns the conditions of ``trials``, sorted; then ``PRACTICE`` if there was practice, then ``OUTSIDE``."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE]

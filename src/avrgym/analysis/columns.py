@@ -1,4 +1,4 @@
-"""Column types that several tables of the analysis share."""
+"""Column types for the tables of the analysis. Several tables share each type."""
 
 from dataclasses import replace
 from typing import Annotated

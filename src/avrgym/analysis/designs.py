@@ -38,7 +38,7 @@ class ItemRow:
 
 
 def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
-    """Return a row for each version of each item, separately for people and simulated participants."""
+    """Returns a row for each version of each item, separately for people and simulated participants."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {
         item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
@@ -75,13 +75,13 @@ DIFFERENCES_NOTICE = (
 
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
-    """Return a notice that designs differ; empty if no difference is an error."""
+    """Returns a notice that designs differ; empty if no difference is an error."""
     has_errors = any(each.is_error for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
-    """Return the report section: each difference, and all items with several versions. Empty without differences."""
+    """Returns the report section: each difference, and all items with several versions. Empty without differences."""
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
@@ -107,7 +107,7 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
 def describe_by_design(
     session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
 ) -> str:
-    """Return a description of each design, with its trials if descriptions differ.
+    """Returns a description of each design, with its trials if descriptions differ.
 
     ``words``: function that describes a design. If ``session_designs`` is empty, ``design`` is described.
     """

@@ -109,7 +109,7 @@ def write_people(fit: FittedPeople, out: Path) -> None:
 
 
 def _toml_text(fit: FittedPeople) -> str:
-    """Return the fit as TOML, with the remarks as comments at the top."""
+    """Returns the fit as TOML, with the remarks as comments at the top."""
     document = tomlkit.document()
     for line in fit.remarks.splitlines():
         document.add(tomlkit.comment(line))
@@ -119,7 +119,7 @@ def _toml_text(fit: FittedPeople) -> str:
 
 
 def covering_range(values: Sequence[float], limits: Range) -> Range:
-    """Return the covering range (see the module docstring) of two or more values, clipped to ``limits``."""
+    """Returns the covering range (see the module docstring) of two or more values, clipped to ``limits``."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
     return max(low - margin, limits[0]), min(high + margin, limits[1])
@@ -131,7 +131,7 @@ def covering_range(values: Sequence[float], limits: Range) -> Range:
 def _read_poses(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[TrialPose], list[str]]:
-    """Return the poses in all usable recordings, and an error message for each unusable recording."""
+    """Returns the poses in all usable recordings, and an error message for each unusable recording."""
     trials: list[TrialPose] = []
     left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
@@ -144,7 +144,7 @@ def _read_poses(
 
 
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
-    """Return the pose in a recording. If the recording is unusable, raises ``StudyError`` with its name."""
+    """Returns the pose in a recording. If the recording is unusable, raises ``StudyError`` with its name."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
@@ -170,7 +170,7 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
+    """Returns times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
 
     The last time is the end of the robot's motion.
     """
@@ -187,7 +187,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """Return the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i holds from time i to time i + 1."""
+    """Returns the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i holds from time i to time i + 1."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
@@ -210,7 +210,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
 
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
-    """Return the mean of each participant's values. ``values``: pairs of participant and value."""
+    """Returns the mean of each participant's values. ``values``: pairs of participant and value."""
     values_by_participant: dict[str, list[float]] = {}
     for participant, value in values:
         values_by_participant.setdefault(participant, []).append(value)
@@ -218,7 +218,7 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
-    """Return the range of torso heights of one sex in metres.
+    """Returns the range of torso heights of one sex in metres.
 
     If fewer than two participants have this sex, the range is that of all participants.
     """
@@ -229,7 +229,7 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
 
 
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
-    """Return the range of each joint in degrees; empty if there are fewer than two participants.
+    """Returns the range of each joint in degrees; empty if there are fewer than two participants.
 
     If people move in trials (``moving``), joint angles are means of the beginning, otherwise of whole trials.
     """
@@ -262,7 +262,7 @@ def _remarks(source: Source) -> str:
 
 
 def _small_sample_text(count: int) -> str:
-    """Return a warning about a small sample: its range covers on average (n - 1) / (n + 1) of the population."""
+    """Returns a warning about a small sample: its range covers on average (n - 1) / (n + 1) of the population."""
     share = (count - 1) / (count + 1)
     return (
         f"Only {count} participants: on average, {share:.0%} of other people are within their extremes. "

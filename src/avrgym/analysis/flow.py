@@ -68,7 +68,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
-    """Return the flow of people, then the flow of simulated participants. A group without participants is omitted."""
+    """Returns the flow of people, then the flow of simulated participants. A group without participants is omitted."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)
@@ -117,7 +117,7 @@ def _flow(
 
 
 def _excluding(design: Design, participant: Participant) -> Iterator[str]:
-    """Yield the answers to inclusion questions that excluded the participant."""
+    """Yields the answers to inclusion questions that excluded the participant."""
     if participant.state != "excluded":
         return
     questions = {question.id: question for question in design.inclusion}
@@ -128,7 +128,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """Return the stored reason for the withdrawal of each withdrawn participant."""
+    """Returns the stored reason for the withdrawal of each withdrawn participant."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -146,7 +146,7 @@ UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Return each step with its number of participants, and the reasons for leaving after it, with numbers."""
+    """Returns each step with its number of participants, and the reasons for leaving after it, with numbers."""
     before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -182,7 +182,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _reasons_text(reasons: Mapping[str, int]) -> str:
-    """Return each reason and its number of participants, in brackets; empty without reasons."""
+    """Returns each reason and its number of participants, in brackets; empty without reasons."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 
@@ -226,7 +226,7 @@ def _lines(texts: Sequence[str]) -> list[str]:
 
 
 def _box_height(lines: Sequence[str]) -> float:
-    """Return the height of a box with these lines of text, in inches."""
+    """Returns the height of a box with these lines of text, in inches."""
     return LINE_HEIGHT_IN * (len(lines) + 1)
 
 

@@ -31,7 +31,7 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """Return rows for all people together, then for each person; then the same for simulated participants.
+    """Returns rows for all people together, then for each person; then the same for simulated participants.
 
     Trials without latency measurements are omitted.
     """
@@ -61,7 +61,7 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 
 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
-    """Return the row with the total latency of all people, or of all simulated participants; ``None`` without one."""
+    """Returns the row with the total latency of all people, or of all simulated participants; ``None`` without one."""
     return next(
         (
             row
@@ -82,7 +82,7 @@ LATENCY_METHOD = (
 
 
 def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
-    """Return the report section: latency by stage, and the largest latency of a participant. Empty without rows."""
+    """Returns the report section: latency by stage, and the largest latency of a participant. Empty without rows."""
     rows = [row for row in latencies if row.simulated is simulated]
     if not rows:
         return Markup()

@@ -24,7 +24,7 @@ class StudyLog:
 
 
 def study_log(store: Store) -> StudyLog:
-    """Return a summary of a study's log. Views of results after the planned end are not counted."""
+    """Returns a summary of a study's log. Views of results after the planned end are not counted."""
     sites = site_names(store)
     own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
     return StudyLog(
@@ -40,7 +40,7 @@ ENTRIES_LOST = "The database was rebuilt from the recordings: entries from befor
 
 
 def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
-    """Return the report section. ``rebuilt_at``: time at which the database was rebuilt; ``None`` if it was not."""
+    """Returns the report section. ``rebuilt_at``: time at which the database was rebuilt; ``None`` if it was not."""
     lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
     return tag(
         "section",

@@ -39,7 +39,7 @@ Expected = tuple[str, list[str], Question]
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Return the families of tests that every plan must name, each with its quantities."""
+    """Returns the families of tests that every plan must name, each with its quantities."""
     return {
         question.family_name(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
@@ -48,7 +48,7 @@ def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Return the families of tests that a plan may name but need not, each with its quantities.
+    """Returns the families of tests that a plan may name but need not, each with its quantities.
 
     They test objective measures and model effects. They are exploratory unless a plan names them.
     """
@@ -56,12 +56,12 @@ def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Return all families of tests that a plan can name, required and optional, each with its quantities."""
+    """Returns all families of tests that a plan can name, required and optional, each with its quantities."""
     return required_tests(design) | optional_tests(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
-    """Yield each question of the required tests, its units of analysis and its quantities."""
+    """Yields each question of the required tests, its units of analysis and its quantities."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated[:1]:
         yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
@@ -94,7 +94,7 @@ def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Seq
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
-    """Return the paper's hypotheses for this design as a template for a plan. Their tests are by participant."""
+    """Returns the paper's hypotheses for this design as a template for a plan. Their tests are by participant."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
@@ -169,7 +169,7 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
 
 
 def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
-    """Return the families with the plan status of each test. Optional tests outside the plan are exploratory."""
+    """Returns the families with the plan status of each test. Optional tests outside the plan are exploratory."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:
@@ -200,7 +200,7 @@ NO_PLAN = (
 
 
 def plan_section(plan: FrozenPlan | None) -> Markup:
-    """Return the report section about the plan and the deviations from it; empty without a frozen plan."""
+    """Returns the report section about the plan and the deviations from it; empty without a frozen plan."""
     if plan is None:
         return Markup()
     parts = (_frozen_text(plan), _deviations(plan))
@@ -241,7 +241,7 @@ def _deviations(frozen: FrozenPlan) -> Markup:
 def confirmatory_section(
     plan: Plan | None, tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> Markup:
-    """Return the report section with the tests of the plan's hypotheses in one group; empty without a plan."""
+    """Returns the report section with the tests of the plan's hypotheses in one group; empty without a plan."""
     if plan is None:
         return Markup()
     shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]

@@ -54,7 +54,7 @@ class ResultsWithRoles:
 def assign_roles(
     families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
-    """Return every test and model effect with its role. People and simulated participants are corrected separately.
+    """Returns every test and model effect with its role. People and simulated participants are corrected separately.
 
     Args:
         families: the families of tests.
@@ -96,7 +96,7 @@ def assign_roles(
 
 
 def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
-    """Return the role of a test. If a hypothesis names a test by trial, the same test by participant is primary."""
+    """Returns the role of a test. If a hypothesis names a test by trial, the same test by participant is primary."""
     if row.unit == TRIAL:
         return SUPPLEMENT
     if plan is None:
@@ -121,7 +121,7 @@ def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
 
 
 def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
-    """Return corrected p of the tests, then of the model effects.
+    """Returns corrected p of the tests, then of the model effects.
 
     Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are both kinds,
     each p is doubled (Bonferroni).
@@ -178,7 +178,7 @@ OTHER_RESULTS = (
 def primary_section(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
 ) -> Markup:
-    """Return the report section with the primary results of one group; empty if there are none."""
+    """Returns the report section with the primary results of one group; empty if there are none."""
     rows = primary_rows(tests, models, simulated)
     if not rows:
         return Markup()
@@ -197,7 +197,7 @@ def primary_section(
 def primary_rows(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> list[tuple[object, ...]]:
-    """Return the rows of the table of primary results."""
+    """Returns the rows of the table of primary results."""
     own_tests, own_models = _primary_of_group(tests, models, simulated)
     return [*map(_test_cells, own_tests), *map(_model_cells, own_models)]
 
@@ -228,7 +228,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 
 
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
-    """Yield notes about tests with few participants."""
+    """Yields notes about tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."

@@ -39,7 +39,7 @@ class RepeatRow:
 
 
 def repeat_rows(attempted_trials: Iterable[AttemptedTrial]) -> list[RepeatRow]:
-    """Return the rows of all conditions with repeated trials."""
+    """Returns the rows of all conditions with repeated trials."""
     conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
     for each in attempted_trials:
         condition = (each.participant.simulated, each.trial.task, each.trial.robot, each.trial.policy)
@@ -82,7 +82,7 @@ REPEATS_METHOD = (
 def repeats_section(
     design: Design, repeats: Sequence[RepeatRow], findings: Sequence[str], simulated: bool
 ) -> Markup:
-    """Return the report section about repeats in one group. ``findings``: results of the tests of repeats."""
+    """Returns the report section about repeats in one group. ``findings``: results of the tests of repeats."""
     rows = [row for row in repeats if row.simulated is simulated]
     listed = [bullet_list([f"{each}." for each in findings]), *_policy_codes(design)] if findings else []
     shown = [_table(rows, simulated)] if rows else []
@@ -90,7 +90,7 @@ def repeats_section(
 
 
 def _policy_codes(design: Design) -> list[Markup]:
-    """Return a paragraph with the policy of each code letter; empty if the experimenter is not blinded."""
+    """Returns a paragraph with the policy of each code letter; empty if the experimenter is not blinded."""
     if not design.blind_experimenter:
         return []
     codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]

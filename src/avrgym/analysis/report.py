@@ -210,7 +210,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """Return the section with facts that a publication needs and that results do not contain."""
+    """Returns the section with facts that a publication needs and that results do not contain."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -256,7 +256,7 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """Return one problem with all its places. Several places are in a folded list."""
+    """Returns one problem with all its places. Several places are in a folded list."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

@@ -71,7 +71,7 @@ NO_SITE = "no site"
 
 
 def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
-    """Return the results of each condition at each site; empty for a single site."""
+    """Returns the results of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
         own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
@@ -84,7 +84,7 @@ def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOu
 def site_effect_rows(
     design: Design, trials: Sequence[TrialRow], answers: Sequence[AnswerRow], scores: Sequence[ScoreRow]
 ) -> list[SiteEffectRow]:
-    """Return effect sizes of answers and scores at each site; empty for a single site."""
+    """Returns effect sizes of answers and scores at each site; empty for a single site."""
     rows: list[SiteEffectRow] = []
     for simulated, site in _sites(trials):
         given = [row for row in answers if row.simulated is simulated and site_of(row) == site]
@@ -101,12 +101,12 @@ def site_effect_rows(
 
 
 def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
-    """Return the name of the row's site, or ``NO_SITE``."""
+    """Returns the name of the row's site, or ``NO_SITE``."""
     return row.site or NO_SITE
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
-    """Yield (simulated, site name) for each site of a group with several sites; nothing for a single site."""
+    """Yields (simulated, site name) for each site of a group with several sites; nothing for a single site."""
     for simulated in (False, True):
         sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
@@ -144,7 +144,7 @@ def sites_section(
     effects: Sequence[SiteEffectRow],
     simulated: bool,
 ) -> Markup:
-    """Return the report section: participants, results and effect sizes of each site. Empty for a single site."""
+    """Returns the report section: participants, results and effect sizes of each site. Empty for a single site."""
     if not any(row.simulated is simulated for row in outcomes):
         return Markup()
     return tag(

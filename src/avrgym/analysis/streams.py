@@ -19,7 +19,7 @@ STREAM_HEADS = (
 
 
 def streams_section(recorded: Sequence[StreamRow], simulated: bool) -> Markup:
-    """Return the report section: a table with a row for each stream. Empty without streams."""
+    """Returns the report section: a table with a row for each stream. Empty without streams."""
     rows = [row for row in recorded if row.simulated is simulated]
     names = dict.fromkeys(row.stream for row in rows)
     if not names:

@@ -129,7 +129,7 @@ class Analysis:
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
-        """Yield all tables for CSV files."""
+        """Yields all tables for CSV files."""
         seen = self.observed
         yield Table.of("participants", ParticipantRow, seen.participants)
         yield Table.of("trials", TrialRow, seen.trials)
@@ -166,7 +166,7 @@ class Analysis:
         yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
-        """Return all results for ``results.json``, without control steps and sampled people."""
+        """Returns all results for ``results.json``, without control steps and sampled people."""
         return {
             "format": FORMAT,
             "title": self.design.title,
@@ -198,7 +198,7 @@ def analyse(
     *,
     skip_damaged: bool = False,
 ) -> Analysis:
-    """Return the analysis of a study in its current state. Arguments and errors are those of ``read_study``."""
+    """Returns the analysis of a study in its current state. Arguments and errors are those of ``read_study``."""
     answered_items = AnsweredItems(store)
     design = answered_items.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)

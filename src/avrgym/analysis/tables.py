@@ -25,7 +25,7 @@ class Table:
 
     @classmethod
     def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
-        """Return a table from ``rows``, which are instances of the dataclass ``kind``."""
+        """Returns a table from ``rows``, which are instances of the dataclass ``kind``."""
         return cls(name, columns_of(kind), [asdict(row) for row in rows])
 
     def write(self, folder: Path) -> None:
@@ -39,7 +39,7 @@ class Table:
 def control_steps(
     series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
-    """Return all control steps of all trials, with unweighted reward terms. Terms of other tasks are empty."""
+    """Returns all control steps of all trials, with unweighted reward terms. Terms of other tasks are empty."""
     recorded = {
         f"term_{term}" for each in series.values() for step in each.steps for term in step.reward_terms
     }

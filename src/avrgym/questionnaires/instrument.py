@@ -34,7 +34,7 @@ class Response(NamedTuple):
         return range(self.lowest, self.highest + self.step, self.step)
 
     def scale_value(self, value: int) -> int:
-        """Return the value of a stored answer. Stored answers are numbered from 1."""
+        """Returns the value of a stored answer. Stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
 
@@ -107,13 +107,13 @@ class Instrument(NamedTuple):
         return [scale.name for scale in self.scales] + ([self.weighting.scale] if self.weighting else [])
 
     def items_of(self, scale: str) -> tuple[str, ...]:
-        """Return the item ids of a scale, without duplicates."""
+        """Returns the item ids of a scale, without duplicates."""
         if self.weighting is not None and scale == self.weighting.scale:
             return tuple(self.weighting.items.values())
         return tuple(dict.fromkeys(self._scale(scale).items))
 
     def range_of(self, scale: str) -> tuple[float, float]:
-        """Return the lowest and the highest possible score of a scale."""
+        """Returns the lowest and the highest possible score of a scale."""
         response = self.response
         if self.weighting is not None and scale == self.weighting.scale:
             return float(response.lowest), float(response.highest)
@@ -124,7 +124,7 @@ class Instrument(NamedTuple):
     def score(
         self, answers: Mapping[str, int], weights: Mapping[str, int] | None = None
     ) -> dict[str, float | None]:
-        """Return the score of each scale, by scale name; ``None`` if required answers are missing.
+        """Returns the score of each scale, by scale name; ``None`` if required answers are missing.
 
         Args:
             answers: the answer to each item, numbered from 1.

@@ -38,7 +38,7 @@ def _pair_id(first: str, second: str) -> str:
 
 
 def _weight(factor: str) -> Scale:
-    """Return the scale of a factor's weight: the number of pairs in which participants chose the factor.
+    """Returns the scale of a factor's weight: the number of pairs in which participants chose the factor.
 
     Pairs in which the factor is first are reversed items.
     """

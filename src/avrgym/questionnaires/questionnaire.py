@@ -32,7 +32,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
 
 def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
-    """Return the items in the language of ``texts``."""
+    """Returns the items in the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
             item,
@@ -70,7 +70,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> Response:
-        """Return the response scale of an item.
+        """Returns the response scale of an item.
 
         Items of a validated questionnaire have its scale. Items with integer labels have these labels as values. All
         other items have the values 1 to ``points``. Tables, figures and exports contain values of this scale; stored
@@ -81,7 +81,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return _numbered(item.labels) or Response(item.points, lowest=1)
 
     def describe_scale(self, item: Item) -> str:
-        """Return the response scale of an item as text, with its labels."""
+        """Returns the response scale of an item as text, with its labels."""
         scale = self.scale_of(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):
             return ", ".join(
@@ -92,7 +92,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _numbered(labels: Sequence[str]) -> Response | None:
-    """Return the response scale if labels are equally spaced, increasing integers; otherwise ``None``."""
+    """Returns the response scale if labels are equally spaced, increasing integers; otherwise ``None``."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
@@ -114,7 +114,7 @@ LIKERT_ITEMS = (
 
 
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
-    """Return the items that are shown at the moment ``when``, in order. The same seed results in the same order."""
+    """Returns the items that are shown at the moment ``when``, in order. The same seed results in the same order."""
     rng = random_streams.item_order(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:

@@ -38,7 +38,7 @@ class StopRules:
     questionnaires: tuple[Questionnaire, ...] = ()
 
     def decide(self, item_id: str, value: int) -> StopDecision | None:
-        """Return the strongest action that an answer triggers; ``None`` if no stop rule applies."""
+        """Returns the strongest action that an answer triggers; ``None`` if no stop rule applies."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
@@ -51,12 +51,12 @@ class StopRules:
         )
 
     def value_range(self, item: str) -> tuple[float, float]:
-        """Return the lowest and the highest value that a stop rule for ``item`` can use."""
+        """Returns the lowest and the highest value that a stop rule for ``item`` can use."""
         questionnaire, found = self.find(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
 
     def find(self, item: str) -> tuple[Questionnaire, Item]:
-        """Return the questionnaire of an item, and the item. Raises ``KeyError`` for an unknown item."""
+        """Returns the questionnaire of an item, and the item. Raises ``KeyError`` for an unknown item."""
         for questionnaire in self.questionnaires:
             for each in questionnaire.items:
                 if each.id == item:

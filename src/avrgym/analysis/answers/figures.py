@@ -45,15 +45,15 @@ from avrgym.study.design.design import Design
 LINE_HEIGHT = 0.55
 """Height of a text line, relative to the height of a bar."""
 BRACKET_WIDTH_IN = 0.62
-"""Width of a bracket and the test result next to it."""
+"""Width of a bracket together with the test result next to it."""
 MAX_BRACKETS = 6
-"""A figure shows tests only if every item has at most this number of comparisons."""
+"""Maximum number of comparisons for one item. If an item has more, the figure shows no tests."""
 
 
 def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Yield a figure for each questionnaire after trials, as in the paper: answers by policy, and tests."""
+    """Yields a figure for each questionnaire after trials, as in the paper: answers by policy, and tests."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -68,7 +68,7 @@ def trial_answers_figures(
 def mean_answers_figures(
     design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Yield a bar chart for each questionnaire after trials, as in Figure 8 of the paper: mean answers by policy."""
+    """Yields a bar chart for each questionnaire after trials, as in Figure 8 of the paper: mean answers by policy."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -88,20 +88,20 @@ def mean_answers_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """Return the tests between policies that a figure shows. Each participant gives one value, the mean over trials."""
+    """Returns the tests between policies that a figure shows. Each participant gives one value: the mean of trials."""
     family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
 
 def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Return the primary tests with at least ``MIN_PARTICIPANTS`` participants."""
+    """Returns the primary tests with at least ``MIN_PARTICIPANTS`` participants."""
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
 def session_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Yield a figure for each questionnaire about sessions: answers before and after, and tests of the change."""
+    """Yields a figure for each questionnaire about sessions: answers before and after, and tests of the change."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
@@ -117,7 +117,7 @@ def session_answers_figures(
 
 
 def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
-    """Return the file name of a figure of answers after trials.
+    """Returns the file name of a figure of answers after trials.
 
     With several questionnaires after trials, the file name contains the questionnaire's name.
     """
@@ -125,7 +125,7 @@ def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
 
 
 def session_figure_name(questionnaire: Questionnaire) -> str:
-    """Return the file name of a figure of answers about sessions."""
+    """Returns the file name of a figure of answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
 
@@ -198,13 +198,13 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:
-    """Return a description of the response scale of all items; empty if the items have different scales."""
+    """Returns a description of the response scale of all items; empty if the items have different scales."""
     scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """Return the item's text in lines of at most ``letters`` characters; with its scale if ``common`` is empty."""
+    """Returns the item's text in lines of at most ``letters`` characters; with its scale if ``common`` is empty."""
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -261,7 +261,7 @@ def means_figure(
     rows: Sequence[SubjectiveRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
-    """Return a bar chart of the mean answer to each item with each policy. Many items are split into rows."""
+    """Returns a bar chart of the mean answer to each item with each policy. Many items are split into rows."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
     with matplotlib.rc_context(STYLE):
@@ -276,7 +276,7 @@ def means_figure(
 
 
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
-    """Return the number of items that fit in a row of bars."""
+    """Returns the number of items that fit in a row of bars."""
     item_in = max(
         BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
         CHARACTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),

@@ -67,7 +67,7 @@ class ScoreSummaryRow:
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
-    """Return summaries of each scale: for each policy, before sessions, after sessions, and for the change."""
+    """Returns summaries of each scale: for each policy, before sessions, after sessions, and for the change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
@@ -81,7 +81,7 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 
 
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
-    """Return Wilcoxon signed-rank tests of every scale. The tests of one questionnaire are a family.
+    """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire are a family.
 
     Scores after trials: policies are compared, paired within participant × task × robot. There is a family of tests by
     trial and a family by participant. Scores about sessions: after is compared with before, paired within participant.
@@ -102,20 +102,20 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
 
 
 def scores_policies_question(questionnaire: Questionnaire) -> Question:
-    """Return the question: do the scores of a questionnaire differ between policies?"""
+    """Returns the question: do the scores of a questionnaire differ between policies?"""
     return Question(
         f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
     )
 
 
 def scores_change_question(questionnaire: Questionnaire) -> Question:
-    """Return the question: do the scores of a questionnaire change over sessions?"""
+    """Returns the question: do the scores of a questionnaire change over sessions?"""
     name = f"before and after sessions, scores of {questionnaire.name}"
     return Question(name, score_tests_caption(questionnaire), primary=True)
 
 
 def score_tests_caption(questionnaire: Questionnaire) -> str:
-    """Return the caption of the table with the tests of a questionnaire's scores."""
+    """Returns the caption of the table with the tests of a questionnaire's scores."""
     return f"{questionnaire.name}: tests of scores"
 
 
@@ -132,7 +132,7 @@ def _policy_family(
 def _by_questionnaire(
     design: Design, scores: Sequence[ScoreRow]
 ) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
-    """Yield the counted scores of each questionnaire, first of people, then of simulated participants."""
+    """Yields the counted scores of each questionnaire, first of people, then of simulated participants."""
     counted = [row for row in scores if row.counted and row.score is not None]
     for simulated in sorted({row.simulated for row in counted}):
         for questionnaire in design.questionnaires:
@@ -150,7 +150,7 @@ def _scales(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key, float]:
-    """Return the scores of one scale after trials with ``policy``; keys are (participant, task, robot)."""
+    """Returns the scores of one scale after trials with ``policy``; keys are (participant, task, robot)."""
     return {
         (row.participant, row.task or "", row.robot or ""): row.score
         for row in rows
@@ -174,7 +174,7 @@ def _summary_rows(
     policy: str | None,
     values: Sequence[float],
 ) -> list[ScoreSummaryRow]:
-    """Return one row with the summary of ``values``; an empty list if there are no values."""
+    """Returns one row with the summary of ``values``; an empty list if there are no values."""
     if not values:
         return []
     return [
@@ -202,7 +202,7 @@ def scores_section(
     simulated: bool,
     tests: TestTables,
 ) -> Markup:
-    """Return the report section: summaries and tests of each validated questionnaire. Empty without scores."""
+    """Returns the report section: summaries and tests of each validated questionnaire. Empty without scores."""
     own_scores = [row for row in scores if row.simulated is simulated]
     own_summaries = [row for row in summaries if row.simulated is simulated]
     parts = [
@@ -256,7 +256,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
-    """Return the lowest and the highest possible score of a scale as cells; empty cells for changes."""
+    """Returns the lowest and the highest possible score of a scale as cells; empty cells for changes."""
     minimum, maximum = instrument.range_of(row.scale)
     return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
 

@@ -42,7 +42,7 @@ def answers_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Return the report section: answers after trials and their tests, then answers about sessions and their tests."""
+    """Returns the report section: answers after trials and their tests, then answers about sessions and their tests."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
         for questionnaire in questionnaires_at(design, AFTER_TRIAL)
@@ -118,14 +118,14 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 
 
 def _statements(questionnaire: Questionnaire) -> Markup:
-    """Return a bullet list of the items' texts and response scales."""
+    """Returns a bullet list of the items' texts and response scales."""
     return bullet_list(
         [f"{item.id}: {item.text} ({questionnaire.describe_scale(item)})" for item in questionnaire.items]
     )
 
 
 def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:
-    """Return number of answers, median, quartiles, mean and range as table cells."""
+    """Returns number of answers, median, quartiles, mean and range as table cells."""
     return (
         row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
         number_text(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
@@ -133,7 +133,7 @@ def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, st
 
 
 def _brief_number(value: float) -> str:
-    """Return the number as text without trailing zeros."""
+    """Returns the number as text without trailing zeros."""
     return f"{value:g}".replace("-", "−")
 
 

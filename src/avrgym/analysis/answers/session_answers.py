@@ -65,12 +65,12 @@ SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
-    """Return the questionnaires that are shown before or after sessions, in the design's order."""
+    """Returns the questionnaires that are shown before or after sessions, in the design's order."""
     return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Return summaries of each item: before sessions, after sessions, and for the change."""
+    """Returns summaries of each item: before sessions, after sessions, and for the change."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -81,7 +81,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Return how often each value of each item was given, before and after sessions."""
+    """Returns how often each value of each item was given, before and after sessions."""
     return [
         row
         for simulated, questionnaire, given in _asked(design, answers)
@@ -94,7 +94,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
 
 
 def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Return Wilcoxon signed-rank tests of the changes over sessions. The tests of one questionnaire are a family."""
+    """Returns Wilcoxon signed-rank tests of the changes over sessions. The tests of one questionnaire are a family."""
     return [
         corrected_family(
             simulated,
@@ -108,7 +108,7 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """Return the values of ``quantity`` at ``moment``. ``CHANGE``: after minus before, of participants with both."""
+    """Returns the values of ``quantity`` at ``moment``. ``CHANGE``: after minus before, of participants with both."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
@@ -133,7 +133,7 @@ def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
-    """Return the question: do the answers to a questionnaire change over sessions?"""
+    """Returns the question: do the answers to a questionnaire change over sessions?"""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
     return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
@@ -142,7 +142,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """Yield each questionnaire about sessions with the counted answers: of people, then of simulated participants."""
+    """Yields each questionnaire about sessions with the counted answers: of people, then of simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}

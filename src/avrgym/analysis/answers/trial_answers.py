@@ -80,7 +80,7 @@ AFTER_TRIAL = "after_trial"
 
 
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
-    """Return summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
+    """Returns summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
@@ -96,7 +96,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Return how often each value of each item was given after trials, by policy."""
+    """Returns how often each value of each item was given after trials, by policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -113,7 +113,7 @@ def value_frequencies(
     policy: str | None,
     values: Sequence[float],
 ) -> list[LikertRow]:
-    """Return how often each value on the scale of ``item`` is in ``values``."""
+    """Returns how often each value on the scale of ``item`` is in ``values``."""
     return [
         LikertRow(
             simulated=simulated,
@@ -130,7 +130,7 @@ def value_frequencies(
 
 
 def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Return the paper's two tests, by trial (as in the paper) and by participant.
+    """Returns the paper's two tests, by trial (as in the paper) and by participant.
 
     Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale.
     Test 2: for each item, policies are compared, paired within participant × task × robot. The tests of one
@@ -156,25 +156,25 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
 
 
 def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
-    """Return the questionnaires that are shown at ``moment``, in the design's order."""
+    """Returns the questionnaires that are shown at ``moment``, in the design's order."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def trial_items(design: Design) -> tuple[Item, ...]:
-    """Return the items of all questionnaires after trials, in the design's order."""
+    """Returns the items of all questionnaires after trials, in the design's order."""
     return tuple(
         item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
     )
 
 
 def midpoint_question(questionnaire: Questionnaire) -> Question:
-    """Return the question: do the answers to the first item differ from the midpoint of its scale?"""
+    """Returns the question: do the answers to the first item differ from the midpoint of its scale?"""
     name = f"{questionnaire.items[0].id} against the middle"
     return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
-    """Return the question: do the answers to a questionnaire differ between policies?
+    """Returns the question: do the answers to a questionnaire differ between policies?
 
     With several questionnaires after trials, the question's name contains the questionnaire's name.
     """
@@ -209,7 +209,7 @@ def _against_middle(
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
 ) -> tuple[dict[Key, float], dict[Key, float]]:
-    """Return the answers to an item with the first and with the second policy, by (participant, task, robot)."""
+    """Returns the answers to an item with the first and with the second policy, by (participant, task, robot)."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
 

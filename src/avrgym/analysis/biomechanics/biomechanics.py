@@ -82,16 +82,16 @@ class BodyTrials:
     trials: tuple[TrialRow, ...]
 
     def postures(self) -> list[str]:
-        """Return the postures that occur in these trials."""
+        """Returns the postures that occur in these trials."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
     def in_posture(self, posture: str) -> list[TrialRow]:
-        """Return the trials in ``posture``."""
+        """Returns the trials in ``posture``."""
         return [row for row in self.trials if posture_of(row.task) == posture]
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
-    """Return the trials of people, then those of simulated participants. A group without trials is omitted."""
+    """Returns the trials of people, then those of simulated participants. A group without trials is omitted."""
     usable = [row for row in trials if row.counted and row.torso_height_m is not None]
     return [
         BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
@@ -103,7 +103,7 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
-    """Return distributions of torso height, and of head position by posture: participants and training populations."""
+    """Returns distributions of torso height, and of head position by posture: participants and training populations."""
     rows: list[BiomechanicsRow] = []
     for group in groups:
         own = torso_heights(group)
@@ -124,7 +124,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Return the torso height of each participant in metres: the median over trials. ``sex``: use only this sex."""
+    """Returns the torso height of each participant in metres: the median over trials. ``sex``: use only this sex."""
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
@@ -133,7 +133,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
-    """Return each participant's mean head position (n, 3) over trials in ``posture``, in metres in the world frame."""
+    """Returns each participant's mean head position (n, 3) over trials in ``posture``, in metres in the world frame."""
     trials = group.in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
@@ -164,7 +164,7 @@ def _distribution(
 
 
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
-    """Return the ranges over all participants of torso height (by sex) and of waist angles.
+    """Returns the ranges over all participants of torso height (by sex) and of waist angles.
 
     Each waist angle has two ranges: the range of the mean angles of trials, and the range of all angles in trials.
     """

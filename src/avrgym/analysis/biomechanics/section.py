@@ -27,7 +27,7 @@ def biomechanics_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Return the report section: figures, ranges, tests and distributions of participants and training populations."""
+    """Returns the report section: figures, ranges, tests and distributions of participants and training populations."""
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")

@@ -34,7 +34,7 @@ HEAD_QUESTION = Question("head positions", table="Head positions by axis")
 
 
 def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
-    """Return all tests of torso heights, then of head positions, for each group and posture.
+    """Returns all tests of torso heights, then of head positions, for each group and posture.
 
     The signed-rank test (as in the paper) pairs each trial with a person who was sampled for the same task. These pairs
     are arbitrary. The Mann-Whitney test compares unpaired samples: one value of each participant, and all sampled
@@ -109,13 +109,13 @@ def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, n
 def _against(
     trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTest
 ) -> Comparison:
-    """Return the comparison of the participants' values ``own`` with the values ``others`` of population ``name``."""
+    """Returns the comparison of the participants' values ``own`` with the values ``others`` of population ``name``."""
     participants = len({row.participant for row in trials})
     return Comparison(quantity, ("participants", own), (name, others), found, participants)
 
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
-    """Return a sampled person of the same task for each trial, in order. After the last person, the first follows."""
+    """Returns a sampled person of the same task for each trial, in order. After the last person, the first follows."""
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[PersonRow] = []

@@ -62,7 +62,7 @@ HEIGHT_DISTRIBUTIONS = ("original", "revised")
 
 
 def posture_of(task: str) -> str:
-    """Return the posture of the person in a task: ``seated`` or ``in bed``."""
+    """Returns the posture of the person in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
     seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
     return "seated" if seated else "in bed"
@@ -107,12 +107,12 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
-    """Return the head positions (n, 3) of the people of population ``name`` in ``posture``, in m in the world frame."""
+    """Returns the head positions (n, 3) of people of population ``name`` in ``posture``, in m in the world frame."""
     return np.array(
         [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]
     )
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
-    """Return the centre of the head (x, y, z) in the world frame, in metres."""
+    """Returns the centre of the head (x, y, z) in the world frame, in metres."""
     return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

@@ -60,7 +60,7 @@ class DesignMatrix:
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
-        """Return the contrast vector (p,) of an effect. Raises ``FitError`` if the effect is not identifiable."""
+        """Returns the contrast vector (p,) of an effect. Raises ``FitError`` if the effect is not identifiable."""
         weights = np.zeros(len(self.groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
             if group in self.groups:
@@ -71,7 +71,7 @@ class DesignMatrix:
 
 
 def effects(design: Design) -> tuple[Effect, ...]:
-    """Return all effects of interest in a study design."""
+    """Returns all effects of interest in a study design."""
     found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
@@ -85,12 +85,12 @@ def effects(design: Design) -> tuple[Effect, ...]:
 
 
 def after_policy(policy: str) -> str:
-    """Return the name of the group of trials that follow a trial with ``policy``."""
+    """Returns the name of the group of trials that follow a trial with ``policy``."""
     return f"after {policy}"
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
-    """Return the design matrix of these trials. Columns that depend linearly on the columns before are omitted."""
+    """Returns the design matrix of these trials. Columns that depend linearly on the columns before are omitted."""
     groups: list[Group] = []
     reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
@@ -106,7 +106,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Yield each group and its column, in order of importance; ``None`` for the reference group of each kind."""
+    """Yields each group and its column, in order of importance; ``None`` for the reference group of each kind."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
@@ -121,7 +121,7 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Yield each group and its indicator column (0 or 1); ``None`` for the first group, which is the reference.
+    """Yields each group and its indicator column (0 or 1); ``None`` for the first group, which is the reference.
 
     ``given``: group of each trial. Trials without a group have 1 / (number of groups) in each column.
     """

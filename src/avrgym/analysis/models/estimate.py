@@ -32,7 +32,7 @@ class Estimate:
 
     @classmethod
     def from_variance(cls, value: float, variance: float, df: float) -> "Estimate":
-        """Return an estimate, with interval and p by Student's t. Raises ``FitError`` if the variance is zero."""
+        """Returns an estimate with interval and p (Student's t). Raises ``FitError`` if the variance is not above 0."""
         if not variance > 1e-16 * max(1.0, value**2):
             raise FitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
@@ -45,5 +45,5 @@ class FittedModel(Protocol):
     """A fitted regression model."""
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Return the estimate of ``contrast @ coefficients``. ``contrast`` (p,): a weight for each matrix column."""
+        """Returns the estimate of ``contrast @ coefficients``. ``contrast`` (p,): a weight for each matrix column."""
         ...

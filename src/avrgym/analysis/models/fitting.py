@@ -55,7 +55,7 @@ def _robot(observed: TrialValue) -> str:
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], requested_effects: Sequence[Effect]
 ) -> EffectEstimates:
-    """Fit the model. Return the estimate of each effect, or the ``FitError`` that prevented this estimate."""
+    """Fit the model. Returns the estimate of each effect, or the ``FitError`` that prevented this estimate."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(
             requested_effects, FitError("all values are equal" if observed else "there are no values")
@@ -97,7 +97,7 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
-    """Return a warning that names the random effects with zero variance; empty without such effects."""
+    """Returns a warning that names the random effects with zero variance; empty without such effects."""
     return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
@@ -112,7 +112,7 @@ class _WithConstant:
 
 
 def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
-    """Return the labels (n,) of each random effect: participant, and participant by policy, by robot and by task.
+    """Returns the labels (n,) of each random effect: participant, and participant by policy, by robot and by task.
 
     A random effect is omitted if its labels are the same as those of participants, or if no two values share a label.
     """

@@ -50,7 +50,7 @@ class MixedFit:
         ]
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Return the estimate of a contrast (p,), by Student's t."""
+        """Returns the estimate of a contrast (p,), by Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         gradient = np.einsum("i,vij,j->v", contrast, self.covariance_derivatives, contrast)
         spread = float(gradient @ self.variance_covariance @ gradient)
@@ -136,14 +136,14 @@ def _clusters(
 
 
 def _part(grouping: FloatArray) -> FloatArray:
-    """Return G_a (n, n) of a random effect in one cluster: 1 for equal labels, or Z Zᵀ for covariates Z."""
+    """Returns G_a (n, n) of a random effect in one cluster: 1 for equal labels, or Z Zᵀ for covariates Z."""
     if grouping.ndim == 1:
         return (grouping[:, None] == grouping).astype(float)
     return grouping @ grouping.T
 
 
 def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
-    """Return state and variances at the maximum of the restricted likelihood. ``count``: number of variances."""
+    """Returns state and variances at the maximum of the restricted likelihood. ``count``: number of variances."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
     state = _state(clusters, variances)
@@ -160,7 +160,7 @@ def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_Sta
 def _take_step(
     clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
 ) -> tuple[FloatArray, _State | None]:
-    """Return variances and state after a step. The step is halved until the likelihood does not decrease.
+    """Returns variances and state after a step. The step is halved until the likelihood does not decrease.
 
     If the likelihood decreases in ``MAX_HALVINGS`` attempts, the variances are unchanged and the state is ``None``.
     """
@@ -173,7 +173,7 @@ def _take_step(
 
 
 def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
-    """Return the state at these variances; ``None`` if a cluster's covariance is not positive definite.
+    """Returns the state at these variances; ``None`` if a cluster's covariance is not positive definite.
 
     W is the inverse of a cluster's covariance, G_a the matrix of variance a. ``singles`` is the sum of Xᵀ W G_a W X
     over clusters, ``pairs`` the sum of Xᵀ W G_a W G_b W X.

@@ -128,12 +128,12 @@ class ModelGroup:
     questionnaire: str = ""
 
     def family(self, kind: str) -> str:
-        """Return the name of the family of tests for one kind of effect. These tests are corrected together."""
+        """Returns the name of the family of tests for one kind of effect. These tests are corrected together."""
         return f"{kind}, {self.name}"
 
 
 def model_groups(design: Design) -> Iterator[ModelGroup]:
-    """Yield the model groups of a study design: answers, scores, then success and reward."""
+    """Yields the model groups of a study design: answers, scores, then success and reward."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
@@ -154,7 +154,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Return the families of model effects that a plan can name, each with its quantities."""
+    """Returns the families of model effects that a plan can name, each with its quantities."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)
@@ -167,7 +167,7 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def trial_values(
     design: Design, data: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
-    """Return the values of each quantity in counted trials, of people or of simulated participants."""
+    """Returns the values of each quantity in counted trials, of people or of simulated participants."""
     counted = {
         (row.participant, row.position) for row in data.trials if row.counted and row.simulated is simulated
     }
@@ -180,7 +180,7 @@ def trial_values(
 
 
 def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
-    """Yield quantity, trial and value for each value in the table of the model group."""
+    """Yields quantity, trial and value for each value in the table of the model group."""
     if source.rows == ANSWERS:
         for row in data.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
@@ -199,7 +199,7 @@ def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 
 
 def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
-    """Return the condition and the position of each completed trial without practice; ``value`` is zero in all."""
+    """Returns the condition and the position of each completed trial without practice; ``value`` is zero in all."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
     block, place = 0, 0
@@ -221,7 +221,7 @@ def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[Tria
 
 
 def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> list[ModelRow]:
-    """Return a row for each effect on each quantity, separately for people and simulated participants.
+    """Returns a row for each effect on each quantity, separately for people and simulated participants.
 
     Effects in the hypotheses of ``plan`` are confirmatory.
     """
@@ -235,7 +235,7 @@ def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> lis
 def group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """Return a row for each effect on the quantities of a model group, by kind of effect, with Holm's correction."""
+    """Returns a row for each effect on the quantities of a model group, by kind of effect, with Holm's correction."""
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
     for kind in EFFECTS:
@@ -248,7 +248,7 @@ def group_rows(
 def _quantity_rows(
     design: Design, source: ModelGroup, simulated: bool, quantity: str, observed: Sequence[TrialValue]
 ) -> Iterator[ModelRow]:
-    """Yield a row for each effect in the model of one quantity."""
+    """Yields a row for each effect in the model of one quantity."""
     model, wanted = source.models[quantity], effects(design)
     kept, left_out = drop_constant_groups(model, observed)
     found, without = (
@@ -279,7 +279,7 @@ def _quantity_rows(
 def _leave_one_out(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> list[EffectEstimates]:
-    """Return the estimates of the effects from each leave-one-participant-out model."""
+    """Returns the estimates of the effects from each leave-one-participant-out model."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
         estimate_effects(design, model, [each for each in observed if each.participant != name], wanted)
@@ -307,7 +307,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
 
 
 def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
-    """Return the row with the ranges of estimate and p over the leave-one-participant-out models."""
+    """Returns the row with the ranges of estimate and p over the leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
         return row
@@ -323,6 +323,6 @@ def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -
 
 
 def _label(plan: Plan | None, row: ModelRow) -> str:
-    """Return the plan status of an effect: confirmatory if a hypothesis contains it, otherwise exploratory."""
+    """Returns the plan status of an effect: confirmatory if a hypothesis contains it, otherwise exploratory."""
     judged = plan is not None and plan.hypotheses_of(row.family, row.quantity)
     return CONFIRMATORY if judged else EXPLORATORY

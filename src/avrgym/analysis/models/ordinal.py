@@ -35,7 +35,7 @@ class OrdinalFit:
     clusters: int
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Return the estimate of a contrast (p,) in log odds, by Student's t with (clusters − 1) degrees of freedom."""
+        """Returns the estimate of a contrast (p,) in log odds. Student's t has (clusters − 1) degrees of freedom."""
         variance = float(contrast @ self.covariance @ contrast)
         return Estimate.from_variance(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
@@ -69,7 +69,7 @@ def fit_ordinal(
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
-    """Return the covariance (p, p) of the estimates.
+    """Returns the covariance (p, p) of the estimates.
 
     ``scores`` (c, p) and ``information`` (c, p, p): score and expected information of each cluster. The leverage of a
     cluster is Lᵀ I L. I is the information of the cluster, and L Lᵀ is the inverse of the total information.
@@ -93,7 +93,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
-    """Return the maximum likelihood estimates: thresholds, then coefficients. The method is Fisher scoring."""
+    """Returns the maximum likelihood estimates: thresholds, then coefficients. The method is Fisher scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
@@ -124,7 +124,7 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
 def _derivatives(
     parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Return the log-likelihood of all answers, and score (n, q) and expected information (n, q, q) of each answer.
+    """Returns the log-likelihood of all answers, and score (n, q) and expected information (n, q, q) of each answer.
 
     The log-likelihood is −∞ if the thresholds are not in order.
     """

@@ -27,7 +27,7 @@ NOTE = (
 
 
 def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Return the report section with the models of one group, policy effects first; empty without models."""
+    """Returns the report section with the models of one group, policy effects first; empty without models."""
     own = [row for row in models if row.simulated is simulated]
     kinds = [kind for kind in EFFECTS if any(row.effect == kind for row in own)]
     head = tag("h3", "Regression models")
@@ -44,7 +44,7 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
 
 
 def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Return the tables of one kind of effect, one for each family."""
+    """Returns the tables of one kind of effect, one for each family."""
     families = dict.fromkeys(row.family for row in rows)
     return join(
         [_family([row for row in rows if row.family == family], kind, simulated) for family in families]
@@ -58,7 +58,7 @@ def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
 
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Return a table of effects. Columns for corrected p, plan status and notes are omitted if no row needs them."""
+    """Returns a table of effects. Columns for corrected p, plan status and notes are omitted if no row needs them."""
     corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.plan_status != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
@@ -84,7 +84,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
 
 
 def effect_text(row: ModelRow) -> str:
-    """Return the odds ratio or the difference as text, with its confidence interval."""
+    """Returns the odds ratio or the difference as text, with its confidence interval."""
     if row.odds_ratio is not None:
         return f"{_ratio(row.odds_ratio)} × [{_ratio(row.odds_ratio_low)}, {_ratio(row.odds_ratio_high)}]"
     if row.estimate is None:
@@ -93,7 +93,7 @@ def effect_text(row: ModelRow) -> str:
 
 
 def _ratio(value: float | None) -> str:
-    """Return an odds ratio as text, with two decimals below 100 and none above."""
+    """Returns an odds ratio as text, with two decimals below 100 and none above."""
     if value is None:
         return "–"
     return (
@@ -108,7 +108,7 @@ def _ratio(value: float | None) -> str:
 
 
 def _leave_one_out(row: ModelRow) -> str:
-    """Return the range of leave-one-participant-out estimates as text, as odds ratios or in the unit of the effect."""
+    """Returns the range of leave-one-participant-out estimates as text, as odds ratios or in the unit of the effect."""
     minimum, maximum = row.leave_one_out_min, row.leave_one_out_max
     if minimum is None or maximum is None:
         return "–"

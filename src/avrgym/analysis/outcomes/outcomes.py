@@ -108,7 +108,7 @@ class ObjectiveRow(SimulationResult, Outcome):
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
-    """Return a row for each condition, then a row over all tasks for each robot and policy.
+    """Returns a row for each condition, then a row over all tasks for each robot and policy.
 
     People and simulated participants have separate rows. Confidence intervals of rewards use Student's t over
     trials: each participant has one trial in a condition. Intervals of success account for several trials of one
@@ -137,7 +137,7 @@ def _condition(
 
 
 def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """Return the results of one condition from counted trials. Task ``ALL`` means all tasks together."""
+    """Returns the results of one condition from counted trials. Task ``ALL`` means all tasks together."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
@@ -160,7 +160,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Return the success of each trial, in one list for each participant."""
+    """Returns the success of each trial, in one list for each participant."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -170,7 +170,7 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """Return the mean and the bounds of its 95 % confidence interval; ``None`` where there are too few values."""
+    """Returns the mean and the bounds of its 95 % confidence interval; ``None`` where there are too few values."""
     if not values:
         return None, None, None
     mean = fmean(values)
@@ -178,7 +178,7 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 
 
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
-    """Return the results of a policy in simulation, with its training population.
+    """Returns the results of a policy in simulation, with its training population.
 
     Training measured these results and stored them in the policy file.
     """
@@ -199,7 +199,7 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Return the success rate over all tasks, if all were evaluated. There is no reward: rewards are not comparable."""
+    """Returns the success rate over all tasks, if all were evaluated. Rewards of different tasks are not comparable."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was measured in simulation")
@@ -218,7 +218,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
 def _as_measured(
     people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
 ) -> SimulationResult:
-    """Return the results with confidence intervals. ``deviation``: standard deviation with divisor ``episodes``."""
+    """Returns the results with confidence intervals. ``deviation``: standard deviation with divisor ``episodes``."""
     sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
     low, high = t_interval(mean, sample_deviation, episodes)
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
@@ -250,16 +250,16 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""Objective measures by name, each with the function that returns its value in a trial."""
+"""Objective measures by name, each with the function that returns the value in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Return the family of tests of objective measures, with its quantities; empty for a design with one policy."""
+    """Returns the family of tests of objective measures, with its quantities; empty for a design with one policy."""
     return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 
 def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
-    """Return Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
+    """Returns Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
     if not outcome_tests(design):
         return []
     counted = [row for row in trials if row.counted]

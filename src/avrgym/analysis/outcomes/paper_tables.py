@@ -1,4 +1,4 @@
-"""The paper's tables: mean reward and success by task and robot. The last row is mean success over all tasks.
+"""The paper's tables: mean reward and success by task and robot. The last row contains success over all tasks.
 
 Table I compares simulation with virtual reality for one policy (in the paper: Original). Table II compares policies in
 virtual reality.
@@ -53,7 +53,7 @@ Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Yield Table I for each policy, then Table II; first for people, then for simulated participants.
+    """Yields Table I for each policy, then Table II; first for people, then for simulated participants.
 
     In Table I, a robot without results in simulation has no simulation column.
     """
@@ -85,7 +85,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 def _cells(
     design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
 ) -> dict[str, tuple[Cell, ...]]:
-    """Return the cells of each task and of all tasks. Keys of ``rows``: (task, robot, policy)."""
+    """Returns the cells of each task and of all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
         for task in (*design.tasks, ALL)
@@ -93,7 +93,7 @@ def _cells(
 
 
 def file_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """Yield the tables for CSV files, with separate columns for reward and success.
+    """Yields the tables for CSV files, with separate columns for reward and success.
 
     Rows about people are first, then rows about simulated participants.
     """

@@ -22,7 +22,7 @@ TestTables = dict[str, Markup]
 
 
 def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
-    """Return the tables of all tests of one group (people or simulated participants), by caption."""
+    """Returns the tables of all tests of one group (people or simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table == caption for row in family.rows]
@@ -32,12 +32,12 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
 
 
 def other_tests(tests: TestTables) -> Markup:
-    """Return a section with the remaining tables, which no other section shows; empty if none remains."""
+    """Returns a section with the remaining tables, which no other section shows; empty if none remains."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Return a table of the tests by participant, and a folded table of the tests by trial as a supplement."""
+    """Returns a table of the tests by participant, and a folded table of the tests by trial as a supplement."""
     by_trial = [row for row in rows if row.unit == TRIAL]
     by_participant = [row for row in rows if row.unit != TRIAL]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
@@ -52,7 +52,7 @@ TESTS_BY_TRIAL = (
 
 
 def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Return a table of tests, with their plan status if there is a plan."""
+    """Returns a table of tests, with their plan status if there is a plan."""
     planned, corrected = any(row.plan_status for row in rows), any(row.p_primary is not None for row in rows)
     heads = (
         "Quantity", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
@@ -73,12 +73,12 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
 
 
 def p_primary_text(p_primary: float | None) -> str:
-    """Return corrected p of a primary result as text; a dash for other results (``None``)."""
+    """Returns corrected p of a primary result as text; a dash for other results (``None``)."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
 def n_text(row: ComparisonRow) -> str:
-    """Return the number of values as text.
+    """Returns the number of values as text.
 
     Groups of different sizes: the size of each group. Otherwise: the number of values, and of omitted zero differences.
     """
@@ -88,7 +88,7 @@ def n_text(row: ComparisonRow) -> str:
 
 
 def p_primary_and_stars(row: ComparisonRow) -> str:
-    """Return corrected p and stars as text for a figure."""
+    """Returns corrected p and stars as text for a figure."""
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"

@@ -64,11 +64,11 @@ class Drawing:
         self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
     def svg(self) -> bytes:
-        """Return the contents of the SVG file, in colours for a white background."""
+        """Returns the contents of the SVG file, in colours for a white background."""
         return self._svg
 
     def pdf(self) -> bytes:
-        """Return the contents of the PDF file. It contains no date: equal figures result in equal bytes."""
+        """Returns the contents of the PDF file. It contains no date: equal figures result in equal bytes."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
@@ -77,7 +77,7 @@ class Drawing:
         (folder / f"{self.name}.pdf").write_bytes(self.pdf())
 
     def inline(self) -> Markup:
-        """Return an SVG element for a page: with unique ids, the page's colours, and the caption for screen readers."""
+        """Returns an SVG element for a page, with unique ids, the page's colours, and a caption for screen readers."""
         svg = self._svg.decode()
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
         for colour, shown in _IN_PAGE.items():
@@ -111,7 +111,7 @@ def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
 
 
 def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
-    """Return the figure as a drawing. A figure of simulated participants is marked in picture, name and caption."""
+    """Returns the figure as a drawing. A figure of simulated participants is marked in picture, name and caption."""
     if simulated:
         figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
     suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")

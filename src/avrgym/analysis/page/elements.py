@@ -58,7 +58,7 @@ class Markup(str):
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
-    """Return an HTML element. ``class_`` sets the attribute class; ``aria_label`` sets aria-label."""
+    """Returns an HTML element. ``class_`` sets the attribute class; ``aria_label`` sets aria-label."""
     content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
     settings = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
@@ -67,7 +67,7 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join(parts: Sequence[Markup]) -> Markup:
-    """Return the concatenated elements."""
+    """Returns the concatenated elements."""
     return Markup("".join(parts))
 
 
@@ -86,34 +86,34 @@ def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[
 
 
 def warning_box(strong: str, text: str) -> Markup:
-    """Return a warning paragraph, which begins with the bold text ``strong``."""
+    """Returns a warning paragraph, which begins with the bold text ``strong``."""
     return tag("p", tag("strong", f"{strong} "), text, class_="notice", role="note")
 
 
 def badge(text: str) -> Markup:
-    """Return a small coloured label."""
+    """Returns a small coloured label."""
     return tag("span", text, class_="badge")
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """Return a list of names with their values."""
+    """Returns a list of names with their values."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
 def bullet_list(items: Sequence[Any]) -> Markup:
-    """Return a bullet list."""
+    """Returns a bullet list."""
     return tag("ul", *(tag("li", item) for item in items))
 
 
 def figure(picture: Markup, caption: str) -> Markup:
-    """Return a picture with its caption."""
+    """Returns a picture with its caption."""
     return tag("figure", picture, tag("figcaption", caption))
 
 
 def table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> Markup:
-    """Return a table that scrolls on narrow screens. ``numbers``: indices of the right-aligned columns."""
+    """Returns a table that scrolls on narrow screens. ``numbers``: indices of the right-aligned columns."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
     head = [
         tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
@@ -128,27 +128,27 @@ def table(
 
 
 def short_number(value: float | None) -> str:
-    """Return the number as text with three significant digits; a dash for ``None``."""
+    """Returns the number as text with three significant digits; a dash for ``None``."""
     return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:
-    """Return the number as text with ``digits`` decimals and its unit; ``absent`` for ``None``."""
+    """Returns the number as text with ``digits`` decimals and its unit; ``absent`` for ``None``."""
     return absent if value is None else f"{value:z.{digits}f} {unit}".rstrip().replace("-", "−")
 
 
 def time_text(at: str | None) -> str:
-    """Return a time stamp (ISO 8601) as text with date, hour and minute."""
+    """Returns a time stamp (ISO 8601) as text with date, hour and minute."""
     return "unknown" if at is None else datetime.fromisoformat(at).strftime("%Y-%m-%d %H:%M")
 
 
 def count_text(number: int, noun: str) -> str:
-    """Return a number with its noun, such as "2 trials"."""
+    """Returns a number with its noun, such as "2 trials"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """Return a rate (0 to 1) as a percentage, with its confidence interval if there is one."""
+    """Returns a rate (0 to 1) as a percentage, with its confidence interval if there is one."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -156,13 +156,13 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
 
 
 def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
-    """Return an effect size as text, with its 95 % confidence interval if there is one."""
+    """Returns an effect size as text, with its 95 % confidence interval if there is one."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends
 
 
 def p_text(p: float | None) -> str:
-    """Return a p value as text with three decimals; "no test" for ``None``."""
+    """Returns a p value as text with three decimals; "no test" for ``None``."""
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
@@ -177,5 +177,5 @@ def empty_section(title: str, text: str) -> Markup:
 
 
 def group_caption(caption: str, simulated: bool) -> str:
-    """Return the caption. The caption of simulated participants is marked."""
+    """Returns the caption. The caption of simulated participants is marked."""
     return f"{caption} (simulated participants)" if simulated else caption

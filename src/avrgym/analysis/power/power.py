@@ -63,7 +63,7 @@ class PowerRow:
 
 
 def default_participant_numbers(design: Design) -> tuple[int, ...]:
-    """Return default numbers of participants: multiples of the number of trial orders, and the planned number."""
+    """Returns default numbers of participants: multiples of the number of trial orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
@@ -125,7 +125,7 @@ Counts = Mapping[tuple[str, str], tuple[int, int]]
 def power_rows(
     counts: Sequence[Counts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
-    """Return the rows of one effect and number of participants. ``counts``: the counts from each job."""
+    """Returns the rows of one effect and number of participants. ``counts``: the counts from each job."""
     rows: list[PowerRow] = []
     for test, measure in counts[0]:
         plain, corrected = np.sum([each[test, measure] for each in counts], axis=0).tolist()
@@ -150,7 +150,7 @@ def _count_and_report(
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
-    """Return the number of studies in which each test is significant. ``numbers``: the studies to simulate."""
+    """Returns the number of studies in which each test is significant. ``numbers``: the studies to simulate."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
@@ -174,7 +174,7 @@ def _is_significant(p: Probability) -> bool:
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
-    """Return p and corrected p of each reported test, computed as in the analysis.
+    """Returns p and corrected p of each reported test, computed as in the analysis.
 
     Answers to the first item with the last policy are compared with the midpoint. Answers to each item are compared
     between last and first policy. ``objective`` (participants, policies, measures) only affects the correction.
@@ -204,7 +204,7 @@ def _primary(
     means: FloatArray,
     objective: FloatArray,
 ) -> Iterator[Named]:
-    """Yield the primary tests of a simulated study. ``means``: (participants, policies, items)."""
+    """Yields the primary tests of a simulated study. ``means``: (participants, policies, items)."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
@@ -224,7 +224,7 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float
 ) -> int | None:
-    """Return the smallest sufficient number of participants among the simulated numbers.
+    """Returns the smallest sufficient number of participants among the simulated numbers.
 
     At this number and at all larger ones, corrected power is at least ``target_power``. ``None`` if no simulated number
     is enough.
@@ -258,7 +258,7 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
 
 
 def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
-    """Return the values (participants, tasks, robots, policies) as trials, in the trial order of each participant."""
+    """Returns the values (participants, tasks, robots, policies) as trials, in the trial order of each participant."""
     return [
         observed
         for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)

@@ -28,8 +28,7 @@ class Assumptions:
     mean ratings from the first to the last trial of a session, in points. ``dropout``: share of participants who
     withdraw and are replaced.
 
-    These values are assumed, not measured. Together, they result in a standard deviation of answers of about 1.5
-    points.
+    These values are not measured. Together, they result in a standard deviation of answers of about 1.5 points.
     """
 
     participant_sd: float = 0.8
@@ -50,7 +49,7 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """Return the midpoint of an item's scale. In these simulations, every scale starts at 1."""
+    """Returns the midpoint of an item's scale. In these simulations, every scale starts at 1."""
     return (1 + item.points) / 2
 
 
@@ -73,7 +72,7 @@ class SimulatedStudies:
         self._points = np.array([item.points for item in asked[0].items])
 
     def answers(self, effect: float, participants: int, number: int) -> Answers:
-        """Return the answers of the participants who complete study ``number``.
+        """Returns the answers of the participants who complete study ``number``.
 
         Without random variation and drift, the last policy is rated ``effect`` points above the midpoint, and all other
         policies at the midpoint.
@@ -99,13 +98,13 @@ class SimulatedStudies:
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
     def orders(self, participants: int, number: int) -> list[Order]:
-        """Return the order of trials of each participant who completes study ``number``."""
+        """Returns the order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
         orders = cell_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
     def objective(self, participants: int, number: int) -> FloatArray:
-        """Return random success, reward and force (participants, policies, 3). Policies have no effect on them."""
+        """Returns random success, reward and force (participants, policies, 3). Policies have no effect on them."""
         rng = random_streams.simulated_study(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
@@ -127,7 +126,7 @@ class SimulatedStudies:
         return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> FloatArray:
-        """Return the position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
+        """Returns the position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
         orders = cell_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))

@@ -14,7 +14,7 @@ from avrgym.study.design.design import Design
 def power_summary(
     design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
-    """Return assumptions, power, required numbers of participants and descriptions, for JSON."""
+    """Returns assumptions, power, required numbers of participants and descriptions, for JSON."""
     return {
         "title": design.title,
         "seed": seed,
@@ -26,7 +26,7 @@ def power_summary(
 
 
 def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
-    """Return the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
+    """Returns the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
 
     Both are ``None`` if no simulated number is enough.
     """
@@ -43,7 +43,7 @@ def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> lis
 
 
 def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
-    """Return a row for each effect, test and measure: corrected power by number of participants, required numbers."""
+    """Returns a row for each effect, test and measure: corrected power by number of participants, required numbers."""
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
         {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
@@ -78,7 +78,7 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, ta
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
-    """Yield sentences about the power of tests of the first item. The simulation treats all items in the same way.
+    """Yields sentences about the power of tests of the first item. The simulation treats all items in the same way.
 
     ``participants`` must be one of the simulated numbers.
     """
@@ -99,7 +99,7 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
 
 
 def min_p_value(participants: int) -> float:
-    """Return the smallest possible p of a Wilcoxon signed-rank test with one value per participant.
+    """Returns the smallest possible p of a Wilcoxon signed-rank test with one value per participant.
 
     A correction for multiple testing cannot result in a smaller p.
     """

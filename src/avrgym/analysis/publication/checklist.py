@@ -26,7 +26,7 @@ class ChecklistField:
 
 
 def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    """Return all fields, in the order of a publication."""
+    """Returns all fields, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
 

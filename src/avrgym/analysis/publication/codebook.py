@@ -15,14 +15,14 @@ PROFILE = "tabular-data-package"
 
 
 def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
-    """Yield a row for every column of the tables, in the format of the codebook of exports."""
+    """Yields a row for every column of the tables, in the format of the codebook of exports."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}
 
 
 def json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
-    """Return the JSON Schema of the tables in ``results.json``. Every row has all columns of its table."""
+    """Returns the JSON Schema of the tables in ``results.json``. Every row has all columns of its table."""
     return {
         "$schema": SCHEMA,
         "title": f"Tables of the analysis of {title}",
@@ -53,7 +53,7 @@ def _description(column: Column) -> dict[str, str]:
 
 
 def data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
-    """Return the descriptor of the tables as a Frictionless data package (specs.frictionlessdata.io)."""
+    """Returns the descriptor of the tables as a Frictionless data package (specs.frictionlessdata.io)."""
     return {
         "profile": PROFILE,
         "name": "avrgym-analysis",

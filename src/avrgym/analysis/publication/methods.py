@@ -41,12 +41,12 @@ Sections = Mapping[str, list[str]]
 
 
 def missing(what: str) -> str:
-    """Return a placeholder for text that an author must write."""
+    """Returns a placeholder for text that an author must write."""
     return f"[MISSING: {what}]"
 
 
 def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
-    """Return the methods section about the group in ``flow``: people or simulated participants."""
+    """Returns the methods section about the group in ``flow``: people or simulated participants."""
     session_designs = analysed_designs(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
@@ -69,13 +69,13 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """Return the session designs of the analysed participants in the group of ``flow``."""
+    """Returns the session designs of the analysed participants in the group of ``flow``."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
 
 def markdown(title: str, sections: Sections) -> str:
-    """Return the sections as Markdown."""
+    """Returns the sections as Markdown."""
     lines = [f"# {title}: methods"]
     for heading, paragraphs in sections.items():
         lines += ([f"## {heading}"] if heading else []) + paragraphs
@@ -118,7 +118,7 @@ def _who(flow: ParticipantFlow) -> str:
 
 
 def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
-    """Yield a sentence about each step of the flow chart, with the numbers of participants who left after this step."""
+    """Yields a sentence about each step of the flow chart, with the numbers of participants who left after it."""
     came = (
         f"{count_text(flow.enrolled, _who(flow))} enrolled",
         f"{flow.allocated} received an order of trials",
@@ -184,7 +184,7 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def _equipment(design: Design) -> str:
-    """Return sentences about seat or mattress, the force guard, and the withdrawal of the tool after success."""
+    """Returns sentences about seat or mattress, the force guard, and the withdrawal of the tool after success."""
     seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
     places = {
         "seated": f"sat on a seat {seat.seat_height_m:g} m high",
@@ -205,7 +205,7 @@ def _withdrawal(design: Design) -> str:
 
 
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    """Yield a sentence about the plug-ins in the recordings; nothing without plug-ins."""
+    """Yields a sentence about the plug-ins in the recordings; nothing without plug-ins."""
     used = Counter(
         f"{each.label}: {each.recorded}"
         for each in analysis.observed.plugins
@@ -238,7 +238,7 @@ def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def inclusion_answers(design: Design) -> str:
-    """Return each inclusion question with its required answer, as text."""
+    """Returns each inclusion question with its required answer, as text."""
     return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
 
 
@@ -248,7 +248,7 @@ def _inclusion_questions(design: Design) -> str:
 
 
 def session_days(flow: ParticipantFlow) -> str:
-    """Return the days of the first and last session, as text."""
+    """Returns the days of the first and last session, as text."""
     return (
         f"on {flow.first_day}"
         if flow.first_day == flow.last_day
@@ -282,7 +282,7 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: Analysis) -> Iterator[str]:
-    """Yield a sentence with each version of each changed item and the participants who answered it."""
+    """Yields a sentence with each version of each changed item and the participants who answered it."""
     changed = {base_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
@@ -320,7 +320,7 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
 
 
 def _other_corrections(analysis: Analysis) -> str:
-    """Return the correction of models and unpaired tests as text; empty without a plan that can make them primary."""
+    """Returns the correction of models and unpaired tests as text; empty without a plan that can make them primary."""
     if analysis.plan is None or analysis.plan.confirmed is None:
         return ""
     return (
@@ -342,5 +342,5 @@ def _deviations(analysis: Analysis) -> list[str]:
 
 
 def main_flow(analysis: Analysis) -> ParticipantFlow | None:
-    """Return the flow of people; without people, of simulated participants. ``None`` without participants."""
+    """Returns the flow of people; without people, of simulated participants. ``None`` without participants."""
     return next(iter(analysis.flows), None)

@@ -25,7 +25,7 @@ class PublicationTable:
 
 
 def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
-    """Yield all tables that have rows. Captions of simulated participants are marked."""
+    """Yields all tables that have rows. Captions of simulated participants are marked."""
     for table in (
         _participants_table,
         _functioning_table,
@@ -60,7 +60,7 @@ def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable
 
 
 def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Return the table of functioning, for people only.
+    """Returns the table of functioning, for people only.
 
     Counts below five are suppressed, and other counts from which a suppressed count could be computed.
     """
@@ -109,7 +109,7 @@ def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
 
 
 def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Return the table of the tests by participant that are not primary results."""
+    """Returns the table of the tests by participant that are not primary results."""
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),
@@ -152,14 +152,14 @@ LATEX_ESCAPES = {
 
 
 def latex_text(text: object) -> str:
-    """Return the text with special characters escaped for LaTeX."""
+    """Returns the text with special characters escaped for LaTeX."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
 
 def latex_table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> str:
-    """Return a LaTeX table. ``numbers``: indices of the right-aligned columns."""
+    """Returns a LaTeX table. ``numbers``: indices of the right-aligned columns."""
     columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
     lines = [" & ".join(latex_text(cell) for cell in row) + r" \\" for row in (heads, *rows)]
     return "\n".join(

@@ -35,20 +35,20 @@ class ParticipantAnswers:
         self._counted = of_trials | self._compared
 
     def rows(self) -> Iterator[AnswerRow]:
-        """Yield all answers of the participant in order of time."""
+        """Yields all answers of the participant in order of time."""
         for answer in self._answers:
             columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
             yield AnswerRow(counted=answer.stored.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
-        """Yield all scores of the participant. A score counts if all its answers count."""
+        """Yields all scores of the participant. A score counts if all its answers count."""
         for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
             counted = all(answer.stored.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)
 
     def problems(self) -> Iterator[ProblemRow]:
-        """Yield a problem for each moment (before or after sessions) at which items were answered more than once."""
+        """Yields a problem for each moment (before or after sessions) at which items were answered more than once."""
         if self._participant.state not in PARTICIPATING:
             return
         for moment in SESSION_MOMENTS:
@@ -73,7 +73,7 @@ def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
 
 
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
-    """Return the ids of the counted answers about sessions.
+    """Returns the ids of the counted answers about sessions.
 
     For each item, the latest answer after a session counts, and the latest answer before that session.
     """

@@ -66,7 +66,7 @@ class StudyData:
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
     def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
-        """Return the analysed people, or the analysed simulated participants if ``simulated``."""
+        """Returns the analysed people, or the analysed simulated participants if ``simulated``."""
         analysed = self.analysed
         return [
             row for row in self.participants if row.simulated is simulated and row.participant in analysed
@@ -80,7 +80,7 @@ def read_study(
     skip_damaged: bool = False,
     answered_items: AnsweredItems | None = None,
 ) -> StudyData:
-    """Return the data of a study. ``problems`` lists unusable recordings.
+    """Returns the data of a study. ``problems`` lists unusable recordings.
 
     Args:
         store: the study.
@@ -120,7 +120,7 @@ def read_study(
 
 
 def _site_problems(store: Store) -> Iterator[ProblemRow]:
-    """Yield a problem for each difference between the sites of a merged study."""
+    """Yields a problem for each difference between the sites of a merged study."""
     for event in store.events():
         if event.name == SITE_DIFFERS:
             what = f"were merged although {event.detail}"
@@ -130,7 +130,7 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
 
 
 def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
-    """Yield a problem for each plug-in that differs between trials, is not installed, or was not stored."""
+    """Yields a problem for each plug-in that differs between trials, is not installed, or was not stored."""
     for simulated in (False, True):
         for found in plugin_findings(each for each in plugins if each.simulated is simulated):
             yield ProblemRow(
@@ -172,7 +172,7 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 
 
 def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool) -> TrialRow:
-    """Return the trial's row with metrics from its recording. Add series, reward terms and problems to ``found``.
+    """Returns the trial's row with metrics from its recording. Adds series, reward terms and problems to ``found``.
 
     ``changed``: the file changed after the trial; the recording is then not used.
     """
@@ -217,7 +217,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
-    """Return the error message without the path of the recording. Results must not depend on the study's path."""
+    """Returns the error message without the path of the recording. Results must not depend on the study's path."""
     return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
 
 
@@ -270,7 +270,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 
 def guard_interventions(recording: Recording) -> int | None:
-    """Return the number of interventions of the force guard; ``None`` if the guard was off."""
+    """Returns the number of interventions of the force guard; ``None`` if the guard was off."""
     if not recording.configuration.force_guard:
         return None
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
@@ -344,5 +344,5 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
 
 
 def _sum_in_order(values: Iterable[float]) -> float:
-    """Return the sum, computed in order as during sessions. Since Python 3.12, ``sum`` rounds differently."""
+    """Returns the sum, computed in order as during sessions. Since Python 3.12, ``sum`` rounds differently."""
     return reduce(add, values, 0.0)

@@ -37,7 +37,7 @@ class TrialSeries:
 
 
 def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
-    """Return the time series in a recording. A missing series is empty; a missing body is ``None``."""
+    """Returns the time series in a recording. A missing series is empty; a missing body is ``None``."""
     control = recording.topics["/control"]
     return TrialSeries(
         [time_ns / 1e9 for time_ns, _ in control],
@@ -48,7 +48,7 @@ def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
 
 
 def version_differences(recording: Recording) -> str:
-    """Return recorded versions that differ from the installed versions, as text; empty if none differs."""
+    """Returns recorded versions that differ from the installed versions, as text; empty if none differs."""
     recorded, present = recording.configuration.versions, versions()
     pairs = [
         ("AVR Gym", recorded.avrgym, present.avrgym),
@@ -58,14 +58,14 @@ def version_differences(recording: Recording) -> str:
 
 
 def head_centres(people: People, posture: Posture) -> FloatArray:
-    """Return the head centres (n, 3) of people in ``posture``, in metres in the world frame."""
+    """Returns the head centres (n, 3) of people in ``posture``, in metres in the world frame."""
     pos_w, q_w = human.body_frames(people, posture, ("head",))
     centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
     return pos_w["head"] + transforms.rotate(q_w["head"], centre)
 
 
 def _body(recording: Recording, posture: Posture) -> Body | None:
-    """Return the body posture from the recorded joint targets; ``None`` if they are missing or have other joints."""
+    """Returns the body posture from the recorded joint targets; ``None`` if they are missing or have other joints."""
     configuration = recording.configuration
     person = configuration.person
     control, targets = recording.topics["/control"], recording.topics["/body_targets"]
@@ -81,7 +81,7 @@ def _body(recording: Recording, posture: Posture) -> Body | None:
 
 
 def _targets_at(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
-    """Return the latest joint targets (n, 20) at each time. Times before the first targets get the first targets."""
+    """Returns the latest joint targets (n, 20) at each time. Times before the first targets get the first targets."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
     return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -88,7 +88,7 @@ class Question:
     primary: bool = False
 
     def family_name(self, unit: str) -> str:
-        """Return the name of the question's family of tests with this unit of analysis."""
+        """Returns the name of the question's family of tests with this unit of analysis."""
         return f"{self.name}, by {unit}"
 
 
@@ -119,7 +119,7 @@ class Family:
 
 
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
-    """Return the family of tests of one question and unit of analysis, with Holm's correction."""
+    """Returns the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
     adjusted = holm([test.found.p for test in allowed])
     name = question.family_name(unit)
@@ -128,7 +128,7 @@ def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequ
 
 
 def _without_small_test(test: Comparison) -> Comparison:
-    """Return the comparison. With too few participants, statistic, p and confidence interval are removed."""
+    """Returns the comparison. With too few participants, statistic, p and confidence interval are removed."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
     found = test.found
@@ -195,7 +195,7 @@ def compare_policies(
 
 
 def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the values of trials if ``unit`` is ``TRIAL``; otherwise the mean of each participant."""
+    """Returns the values of trials if ``unit`` is ``TRIAL``; otherwise the mean of each participant."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
     own: dict[Key, list[float]] = {}
@@ -205,7 +205,7 @@ def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
-    """Return the number of participants, and the difference of each participant (empty for a test by trial)."""
+    """Returns the number of participants, and the difference of each participant (empty for a test by trial)."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}

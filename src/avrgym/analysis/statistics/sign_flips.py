@@ -25,7 +25,7 @@ TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """Return corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
+    """Returns corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
         differences: for each test, the difference of each participant who has a value.
@@ -43,7 +43,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
 
 
 def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
-    """Return signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
+    """Returns signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
     for test, own in enumerate(differences):
@@ -55,7 +55,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 @cache
 def sign_flips(participants: int) -> FloatArray:
-    """Return sign combinations (combinations, participants), the observed one first.
+    """Returns sign combinations (combinations, participants), the observed one first.
 
     The exact test contains one of each two opposite combinations, because statistics are absolute values.
     """
@@ -68,7 +68,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down(statistics: FloatArray) -> FloatArray:
-    """Return corrected p (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
+    """Returns corrected p (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))

@@ -19,7 +19,7 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
-"""Maximum number of differences for an exact signed-rank test. Floats represent the counts up to 2**50 exactly."""
+"""Maximum number of differences for an exact signed-rank test. Floats represent counts up to 2**50 exactly."""
 EXACT_RANK_SUM = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
@@ -27,7 +27,7 @@ STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
-    """Return number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
+    """Returns number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
         "n": len(values),
@@ -90,7 +90,7 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Return exact p: twice the share of sign combinations in which the sum of positive ranks is at most ``smaller``.
+    """Returns exact p: twice the share of sign combinations in which the sum of positive ranks is at most ``smaller``.
 
     ``ways[s]``: number of sign combinations of the previous ranks with doubled sum s. Doubled mean ranks are integers.
     """
@@ -128,14 +128,14 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
-    """Return the effective sample size of U (see ``effect_interval``). ``n``, ``m``: sizes of the samples."""
+    """Returns the effective sample size of U (see ``effect_interval``). ``n``, ``m``: sizes of the samples."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
     return 3.0 * n * m / ((n + m + 1) * tied)
 
 
 def effect_interval(effect: float, size: float) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
+    """Returns the 95 % confidence interval of a rank-biserial correlation r: Wilson's interval of (1 + r) / 2.
 
     ``size``: effective sample size. Under the null hypothesis, the share of this number of independent binary values
     has the variance of (1 + r) / 2. For signed ranks, ``size`` is (sum of ranks)² / (sum of squared ranks). Unlike an
@@ -146,10 +146,9 @@ def effect_interval(effect: float, size: float) -> tuple[float, float]:
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Return exact p: twice the share of rank subsets with a rank sum that is at least as extreme as the observed one.
+    """Returns exact p: twice the share of rank subsets with a rank sum that is at least as extreme as the observed one.
 
-    Subsets have the size of the smaller sample. ``ways[k, s]``: number of subsets of k previous ranks with doubled sum
-    s.
+    Subsets have the size of the smaller sample. ``ways[k, s]``: number of subsets of k ranks with doubled sum s.
     """
     smaller, larger = sorted((a, b), key=len)
     doubled = np.rint(2.0 * stats.rankdata(np.concatenate([smaller, larger]))).astype(int)
@@ -166,9 +165,10 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
     """Energy test of the null hypothesis that points (n, d) and (m, d) have the same distribution.
 
-    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B −
-    B′| over all pairs, in the unit of the points. All points are divided at random into n and m points, many times. p
-    is the share of divisions with at least the observed energy distance; the observed division is included.
+    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
+    2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the unit of the points. For p, all points are divided at
+    random into n and m points, ``permutations`` times. p is the share of divisions with at least the observed energy
+    distance; the observed division is included.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     count, total = len(a), len(a) + len(b)
@@ -189,7 +189,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return energy distances (k,) and mean distances (k,) between two samples, for k divisions of all points.
+    """Returns energy distances (k,) and mean distances (k,) between two samples, for k divisions of all points.
 
     ``apart``: distances of all points. ``chosen`` (k, n): indices of the first sample; all other points are the second.
     """
@@ -202,7 +202,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Return p values with Holm's correction (Scand. J. Statist. 6, 1979). ``None`` (no test) remains ``None``."""
+    """Returns p values with Holm's correction (Scand. J. Statist. 6, 1979). ``None`` (no test) remains ``None``."""
     present = [i for i, p in enumerate(probabilities) if p is not None]
     ordered = sorted(present, key=lambda i: probabilities[i] or 0.0)
     adjusted: list[float | None] = [None] * len(probabilities)
@@ -214,12 +214,12 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 
 
 def significance_stars(p: float | None) -> str:
-    """Return the stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Returns the stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in STARS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
-    """Return the 95 % confidence interval of the share of successful trials. A cluster: all trials of one participant.
+    """Returns the 95 % confidence interval of the share of successful trials. A cluster: all trials of one participant.
 
     It is Wilson's interval with the effective sample size, and with Student's quantile for (clusters − 1) degrees of
     freedom (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey Methodology 43, 2017, p. 245). The
@@ -244,7 +244,7 @@ MIN_DESIGN_EFFECT = 0.25
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
-    """Return the design effect. ``residuals`` (K,): observed minus expected successes of each cluster.
+    """Returns the design effect. ``residuals`` (K,): observed minus expected successes of each cluster.
 
     The design effect is 1 if all trials have the same result.
     """
@@ -260,7 +260,7 @@ EQUAL_TOLERANCE = 1e-12
 
 
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
-    """Return the 95 % confidence interval of a mean by Student's t (Biometrika 6, 1908).
+    """Returns the 95 % confidence interval of a mean by Student's t (Biometrika 6, 1908).
 
     ``deviation``: standard deviation with ``count − 1`` degrees of freedom. With fewer than two values, or with equal
     values, both bounds are ``None``: the values contain no information about the error of the mean.
