@@ -89,7 +89,7 @@ export interface Hello {
 
 /** The poses of one XR frame. `sequence` increases by one; `client_time_ms` is the XR frame's time stamp.
  *
- * The pose of a hand is the grip pose of its controller, or the wrist pose of a bare hand, as its modality states.
+ * `left` and `right` are grip poses of controllers, or wrist poses of bare hands, depending on the modality.
  * `None`: not tracked. */
 export interface Tracking {
   type: "tracking";
@@ -337,8 +337,8 @@ export interface StateChange {
 
 /** The phase of the session, with the text for the participant.
  *
- * `text` is for VR with a trigger, `texts_by_input` for other kinds of input, and `page_text` for the page
- * without a headset, if they differ. */
+ * `text` is for VR with a trigger. If other texts differ, `texts_by_input` contains those for other kinds of
+ * input, and `page_text` contains that for the page without a headset. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -370,8 +370,9 @@ export interface Question {
 
 /** An error in a message or a measurement, with the allowed values. The session continues.
  *
- * `message` is for VR with a trigger, `page_message` for the page without a headset, and `messages_by_input` for
- * other kinds of input, if they differ. `role`: the role that receives it. The experimenter receives all problems. */
+ * `message` is for VR with a trigger. If other texts differ, `page_message` contains that for the page without a
+ * headset, and `messages_by_input` contains those for other kinds of input. `role`: the role that receives the
+ * problem. The experimenter receives all problems. */
 export interface Problem {
   type: "problem";
   message: string;

@@ -102,7 +102,7 @@ class Hello(Message, frozen=True, tag="hello"):
 class Tracking(Message, frozen=True, tag="tracking"):
     """The poses of one XR frame. ``sequence`` increases by one; ``client_time_ms`` is the XR frame's time stamp.
 
-    The pose of a hand is the grip pose of its controller, or the wrist pose of a bare hand, as its modality states.
+    ``left`` and ``right`` are grip poses of controllers, or wrist poses of bare hands, depending on the modality.
     ``None``: not tracked.
     """
 
@@ -406,8 +406,8 @@ class Passed(Message, frozen=True, tag="passed"):
 class Phase(Message, frozen=True, tag="phase"):
     """The phase of the session, with the text for the participant.
 
-    ``text`` is for VR with a trigger, ``texts_by_input`` for other kinds of input, and ``page_text`` for the page
-    without a headset, if they differ.
+    ``text`` is for VR with a trigger. If other texts differ, ``texts_by_input`` contains those for other kinds of
+    input, and ``page_text`` contains that for the page without a headset.
     """
 
     name: PhaseName
@@ -441,8 +441,9 @@ class Question(Message, frozen=True, tag="question"):
 class Problem(Message, frozen=True, tag="problem"):
     """An error in a message or a measurement, with the allowed values. The session continues.
 
-    ``message`` is for VR with a trigger, ``page_message`` for the page without a headset, and ``messages_by_input`` for
-    other kinds of input, if they differ. ``role``: the role that receives it. The experimenter receives all problems.
+    ``message`` is for VR with a trigger. If other texts differ, ``page_message`` contains that for the page without a
+    headset, and ``messages_by_input`` contains those for other kinds of input. ``role``: the role that receives the
+    problem. The experimenter receives all problems.
     """
 
     message: str

@@ -1,8 +1,8 @@
 """Skins of a model for glTF: four bones and weights per vertex, and swing bones without twist.
 
 MuJoCo's bones are the bodies. The twist of a forearm about its axis would deform the skin at the elbow too much. Each
-upper arm and forearm therefore has a second bone, its *swing*, which follows the body without the twist about its z
-axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing to the body.
+upper arm and forearm therefore has a second bone, its *swing*. The swing follows the body without the twist about the
+body's z axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing to the body.
 """
 
 from collections.abc import Iterator, Sequence

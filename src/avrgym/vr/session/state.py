@@ -191,7 +191,7 @@ class SessionState:
     # The participant's body --------------------------------------------------------------------------------------
 
     def set_torso_height(self, torso_height_m: float) -> None:
-        """Change the body's torso height. The participant's place does not change.
+        """Change the body's torso height. The participant's position does not change.
 
         Raises:
             ValueError: for a height outside the range of adults. The message contains the range.

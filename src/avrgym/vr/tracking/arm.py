@@ -1,10 +1,11 @@
 """Inverse kinematics of a person's right arm with a natural elbow position.
 
 The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that intersect at the wrist. A hand pose
-leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist (Tolani, Goswami and
-Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000). Each swivel
-angle determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the current one.
-Joint ranges and speed limits may leave an error of the hand, which damped least squares reduce with all joints.
+leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist. Each swivel angle
+determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the current one. Joint
+ranges and speed limits may leave an error of the hand. Damped least squares then reduce this error with all joints.
+Source: Tolani, Goswami and Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical
+Models 62, 2000.
 
 All quantities are in the shoulder's frame, which has the torso's axes. The left arm is solved as the mirror image of a
 right arm.
@@ -35,8 +36,7 @@ it."""
 MAX_TURN_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
 DETOUR_RAD = 1.2
-"""If a joint must rotate by more than this, the hand may leave its path, because no joint motion keeps it on the
-path."""
+"""If a joint must rotate by more than this, the hand may leave its path. No joint motion could keep the hand on it."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
 POLE_RAD = 0.006
@@ -253,10 +253,10 @@ def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
 
 
 def _turning_axes(below: float) -> list[list[float]]:
-    """Coefficients (3, 9) of the axes x, y, z of a frame that rotates about z by the swivel angle, then about its x
-    axis.
+    """Returns coefficients (3, 9) for the axes x, y, z of a frame.
 
-    For each axis they are the coefficients of the swivel angle's cosine, of its sine, and the constant.
+    The frame rotates about z by the swivel angle, then about its x axis by ``below``. Each axis has three columns: the
+    coefficients of the swivel angle's cosine and sine, and the constant.
     """
     c, s = cos(below), sin(below)
     return [
@@ -306,8 +306,8 @@ _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatArray) -> None:
     """Keep the angle of shoulder y if the upper arm points nearly forward. This hardly moves the hand.
 
-    In this direction y and z rotate about the same axis, and exact solutions would rotate both joints fast while the
-    arm passes it. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
+    In this direction, y and z rotate about the same axis. Exact solutions would rotate both joints fast while the arm
+    passes the direction. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
     """
     slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - forward * forward), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
@@ -318,8 +318,9 @@ def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatA
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
     """Returns the costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
-    The cost of motion is the squared difference from the current angle of each joint, the cost of discomfort that from
-    its comfortable angle. Up to a constant, their sum is the squared difference from the weighted mean of both angles.
+    The cost of motion is the squared difference of each joint from its current angle. The cost of discomfort is the
+    squared difference from its comfortable angle. Except for a constant and a factor, their sum is the squared
+    difference from the weighted mean of both angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
     away = angles - _per_arm(
