@@ -1,4 +1,4 @@
-"""Measures the speed of environments, and of physics alone in the same worlds."""
+"""Measures the speed of environments, and the speed of physics alone in the same worlds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ RUNS = 5
 class SimulationSpeed:
     """Medians over runs of whole episodes with random actions and static people.
 
-    ``steps_per_second``: control steps of 0.1 s, with resets, observations and rewards. ``physics_steps_per_second``:
-    physics steps of 10 ms alone, with the same models, initial states and commands. ``ratio``: the median over runs of
-    the speed of control steps divided by the speed of physics, in the same unit. On a device, control steps run on this
-    device, as in training.
+    ``steps_per_second``: speed of control steps of 0.1 s, including resets, observations and rewards.
+    ``physics_steps_per_second``: speed of physics steps of 10 ms alone, with the same models, initial states and
+    commands. ``ratio``: duration of physics alone divided by the duration of whole episodes. If the engine uses a
+    device, control steps run on the device, as in training.
     """
 
     env: str
@@ -53,7 +53,7 @@ class _Run:
 def measure_simulation(
     environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
-    """Measure an environment ``RUNS`` times; ``progress`` is called after each run.
+    """Measure an environment ``RUNS`` times. Returns medians. ``progress`` is called after each run.
 
     Raises:
         ValueError: for an unknown environment or engine, or fewer than one world.
@@ -84,7 +84,8 @@ def measure_simulation(
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
-    """Run one episode of all worlds with all computations, then with physics alone."""
+    """Run ``steps`` control steps of all worlds with all computations, then with physics alone. Returns the
+    durations."""
     engine = episodes.simulation.engine
     drawn = random_streams.benchmark_actions(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
@@ -115,7 +116,7 @@ def _reset(episodes: Episodes, seed: int) -> None:
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:
-    """Duration in seconds of control steps with these commands, without observations and rewards."""
+    """Repeat control steps with these commands, without observations and rewards. Returns the duration in seconds."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command
@@ -125,7 +126,7 @@ def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands:
 
 
 def _copy_of(batch: Batch) -> Batch:
-    """A copy of the worlds of a batch."""
+    """Returns a copy of a batch with the same models and states."""
     bare = Batch(batch.get_model(0), batch.nsim, batch.nthread, persistent=True)
     bare.set_models([batch.get_model(world) for world in range(batch.nsim)])
     bare.state[:] = batch.state

@@ -31,8 +31,8 @@ ROBOT, HUMAN = "robot", "human"
 class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     """One world with two agents. The robot's observations, rewards and infos are the same as with ``gym.make``.
 
-    The human's action (K,) is the speed of each of ``joints``, in [−1, 1], divided by the speed of unhurried people.
-    With the zero action the human sits still.
+    The human's action (K,) contains a number in [−1, 1] for each of ``joints``: the joint's speed divided by the speed
+    of unhurried people. With the zero action the human does not move.
     """
 
     metadata: dict[str, Any]
@@ -50,12 +50,11 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         max_episode_steps: int = EPISODE_STEPS,
         **settings: Any,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment and force guard, ``Settings`` for the rest.
+        """``Episodes`` documents people, person, impairment and force guard, ``Settings`` the other keyword arguments.
 
-        The human's actions replace the population's movements. A person may be given as the mapping of their fields.
-
-        Without a shared reward, each agent has its own action penalty: the human's reward contains the human's squared
-        action instead of the robot's.
+        The human's actions replace the movements of the population. ``person`` may be a mapping with the fields of
+        ``Person``. Without a shared reward, the human's reward contains the penalty for the human's action instead of
+        that for the robot's action.
 
         Raises:
             ValueError: for an unknown name. The message lists the allowed names.
@@ -77,7 +76,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         )
         self.metadata = {**metadata_of(self.episodes), "name": environment_id}
         self.joints = self.episodes.offered_joints
-        """The joints that the human's action moves, in its order."""
+        """Joints that the human's action moves, in the order of the action."""
         self.possible_agents, self.agents = [ROBOT, HUMAN], []
         bound, (seen, acted) = self.episodes.human_view.bound, spaces_of(self.episodes)
         self.observation_spaces = {ROBOT: seen, HUMAN: gym.spaces.Box(-bound, bound, dtype=np.float64)}
@@ -97,8 +96,8 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     def reset(
         self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
-        """Start an episode. A seed gives the same episode as in ``gym.make``. Without a seed the random stream
-        continues."""
+        """Start an episode. Returns observations and infos by agent. A seed gives the same episode as with
+        ``gym.make``. Without a seed, the random stream continues."""
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
@@ -116,9 +115,9 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Take one control step. For both agents the episode is truncated after ``max_episode_steps``.
+        """Take one control step. Returns observations, rewards, terminations, truncations and infos by agent.
 
-        An error changes nothing.
+        For both agents the episode is truncated after ``max_episode_steps``. After an error, nothing has changed.
 
         Raises:
             ValueError: for a missing action, a wrong shape, or numbers that are not finite.
@@ -148,7 +147,8 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         return {ROBOT: step.observation[0], HUMAN: self.episodes.human_observation()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
-        """The actions of robot and human, as numbers."""
+        """Returns the actions of robot and human as floating-point arrays. Raises ``ValueError`` for invalid
+        actions."""
         if set(actions) != set(self.possible_agents):
             found = ", ".join(actions) or "nobody"
             raise ValueError(

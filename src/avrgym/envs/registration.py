@@ -1,6 +1,6 @@
-"""Registers the Gymnasium environments: one world, or many as the native vector environment.
+"""Registers the Gymnasium environments, each as an environment of one world and as a native vector environment.
 
-Their modules are imported when the first environment is created.
+Modules of environments are imported when the first environment is created.
 """
 
 # Gymnasium's functions: their types are known only in part.
@@ -15,7 +15,7 @@ from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS
 
 
 def register() -> None:
-    """Register every task with every robot."""
+    """Register an environment for every task with every robot."""
     for environment_id in _environment_ids():
         gym.register(
             environment_id,
@@ -27,7 +27,7 @@ def register() -> None:
 
 
 def _environment_ids() -> Iterable[str]:
-    """Ids of all environments. Without plug-ins, no task is imported."""
+    """Returns the ids of all environments. If no plug-ins are installed, no task is imported."""
     if not (plugins.entry_points_of(plugins.TASKS) or plugins.entry_points_of(plugins.ROBOTS)):
         return ENVIRONMENTS
     from avrgym.tasks import registry

@@ -1,4 +1,4 @@
-"""Renders images of a world: the scene with the person's clothed body, seen by a camera."""
+"""Renders images of a world: the scene with the person's clothed body."""
 
 from typing import Any
 
@@ -16,9 +16,10 @@ from avrgym.tasks.task import View
 
 HEIGHT_PX, WIDTH_PX = 480, 640
 SHADOW_PX = 2048
-"""Half of MuJoCo's default, sufficient for a scene of 2 m; saves a quarter of the time without a graphics card."""
+"""Size of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. Without a graphics card, rendering
+takes a quarter less time."""
 EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
-"""Vertical field of view of a Quest 3."""
+"""Name of the camera at the person's eyes, and its vertical field of view: that of a Quest 3."""
 
 
 class Camera:
@@ -33,7 +34,8 @@ class Camera:
         height_px: int = HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
-        """Build the scene of the present episode with its appearance, seen from the side or through the person's eyes.
+        """Build the scene of the current episode with its appearance. The view is from the side, or with
+        ``first_person`` through the person's eyes.
 
         Raises:
             RuntimeError: if rendering fails. The message contains a setting that may help.
@@ -58,7 +60,7 @@ class Camera:
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:
-        """Returns an image (``height_px``, ``width_px``, 3) of the present state."""
+        """Returns an image (``height_px``, ``width_px``, 3) of the current state."""
         self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_flex(self._model, self._data)
@@ -88,14 +90,15 @@ class Camera:
 
 
 class Renderer:
-    """Base of environments of one world that render images, with a new camera for each episode."""
+    """Base class of environments of one world that render images. Each episode has a new camera."""
 
     episodes: Episodes
     render_mode: str | None
     _camera: Camera | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for copies: a copy continues bit-identically and renders with its own camera."""
+        """Returns the state for copies, without the camera. A copy continues bit-identically and creates its own
+        camera."""
         return {**self.__dict__, "_camera": None}
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -111,7 +114,7 @@ class Renderer:
         return self._camera.picture()
 
     def close(self) -> None:
-        """Free the camera; the next image gets a new one."""
+        """Free the camera. The next image creates a new one."""
         self.close_camera()
 
     def close_camera(self) -> None:

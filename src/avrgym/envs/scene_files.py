@@ -29,11 +29,12 @@ START_KEY = "start"
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
-    """Write the initial state of the first world's episode into a new folder: MJB, MJCF with textures, and JSON.
+    """Write the scene of the first world, at the start of its episode, into a new folder: MJB, MJCF with textures, and
+    JSON.
 
-    The MJB reproduces the simulation bit for bit but contains no appearance. The MJCF contains dynamics and appearance,
-    with six significant digits. The MJCF's person is less compliant, because MJCF cannot store the person's higher
-    ``body_invweight0``.
+    The MJB file reproduces the simulation bit for bit but contains no appearance. The MJCF file contains dynamics and
+    appearance, with six significant digits. In MJCF the person is less compliant, because MJCF cannot store the
+    person's higher ``body_invweight0``.
 
     Raises:
         FileExistsError: if the folder exists.
@@ -62,7 +63,7 @@ def check_new_folder(out: Path) -> None:
 
 
 def write_usd(episodes: Episodes, file: Path) -> None:
-    """Write the present appearance of the first world; the person's skin is a static mesh.
+    """Write the current appearance of the first world as USD. The person's skin becomes a static mesh.
 
     Raises:
         ModuleNotFoundError: without usd-core.
@@ -82,7 +83,7 @@ def write_usd(episodes: Episodes, file: Path) -> None:
 
 
 def _spec(episodes: Episodes) -> mujoco.MjSpec:
-    """The scene of the first world with its appearance and the positions of the episode."""
+    """Returns the scene of the first world with its appearance and with the episode's values of ``EPISODE_FIELDS``."""
     scene, simulation = episodes.scene, episodes.simulation
     spec = build_spec(scene, episodes.person_in(0), moving=simulation.moving, appearance=True)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
@@ -115,7 +116,7 @@ def _write_textures(spec: mujoco.MjSpec, out: Path) -> None:
 
 
 def _embed_meshes(spec: mujoco.MjSpec) -> None:
-    """Store the vertices of meshes from files in the MJCF itself, like the vertices of all other meshes."""
+    """Embed the vertices and faces of mesh files in ``spec``, so the MJCF file needs no mesh files."""
     model = spec.compile()
     for mesh in spec.meshes:
         if mesh.file:
@@ -125,7 +126,8 @@ def _embed_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices and faces of a mesh in the frame of its file; MuJoCo stores them in the frame of the mesh's inertia."""
+    """Returns vertices and faces of a mesh in the frame of its file. MuJoCo stores them in the frame of the mesh's
+    inertia."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -135,7 +137,7 @@ def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[FloatArray, NDArray[np.i
 
 
 def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Replace skins, which USD's exporter omits, by meshes of one colour with their present shape."""
+    """Replace each skin by a mesh of one colour with the skin's current shape. The USD exporter omits skins."""
     scene = mujoco.MjvScene(model, maxgeom=10_000)
     mujoco.mjv_updateScene(
         model, data, _visible(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene

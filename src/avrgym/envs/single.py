@@ -31,15 +31,15 @@ def metadata_of(episodes: Episodes) -> dict[str, Any]:
 
 
 Observed = FloatArray | dict[str, NumpyArray]
-"""An observation (O,), or with cameras ``state`` and images by the names of ``CameraSpec.entries``."""
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 
 
 def spaces_of(
     episodes: Episodes, cameras: Sequence[CameraSpec] = ()
 ) -> tuple[gym.Space[Any], gym.Space[Float32Array]]:
-    """Returns the spaces of observations (O,), or with cameras of ``state`` and images, and of actions (J,).
+    """Returns the observation space and the action space of one world.
 
-    An action has one number for each joint of the arm.
+    Observations are (O,), or with cameras dictionaries of ``state`` (O,) and images. Actions are (``action_size``,).
     """
     bound = episodes.observation.bound
     observation: gym.Space[Any] = gym.spaces.Box(-bound, bound, dtype=np.float64)
@@ -56,9 +56,10 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 ):
     """One world.
 
-    ``info`` contains ``success`` (up to the present step), ``reward_terms`` (unweighted) and ``force_on_person`` (N).
-    With the force guard it also contains ``guard_interventions``, the number of interventions in the episode. If the
-    force guard or the withdrawal replaced the action, ``executed_action`` (J,) is the action at the end of the step.
+    ``info`` contains ``success`` (whether the episode has succeeded until now), ``reward_terms`` (unweighted) and
+    ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``, the number of
+    interventions in the episode. If the force guard or the withdrawal replaced the action, ``executed_action`` (J,) is
+    the action at the end of the step.
     """
 
     metadata = METADATA
@@ -77,10 +78,11 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment, withdrawal and force guard, ``Settings`` for the rest.
+        """``Episodes`` documents people, person, impairment, withdrawal and force guard, ``Settings`` the other keyword
+        arguments.
 
-        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end. With
-        ``cameras``, names or ``CameraSpec``, observations are dictionaries.
+        ``person`` may be a mapping with the fields of ``Person``. Episodes with ``max_episode_steps`` −1 never end.
+        With ``cameras`` (names or ``CameraSpec``), observations are dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.
@@ -108,7 +110,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Start an episode. Without a seed the random stream continues. Returns the first observation and info."""
+        """Start an episode. Returns the first observation and info. Without a seed, the random stream continues."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
@@ -117,9 +119,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(start), info_of(start)
 
     def step(self, action: Float32Array) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Take one control step. The episode is truncated after ``max_episode_steps`` and never terminates.
+        """Take one control step. Returns observation, reward, terminated, truncated and info.
 
-        An error changes nothing.
+        The episode is truncated after ``max_episode_steps`` and never terminates. After an error, nothing has changed.
 
         Raises:
             ValueError: for an action of another shape than (J,), or with numbers that are not finite.
@@ -134,7 +136,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, info_of(step)
 
     def close(self) -> None:
-        """Free the graphics memory; the next image allocates it again."""
+        """Free the graphics memory. The next image allocates it again."""
         super().close()
         self.episodes.close_images()
 
@@ -148,9 +150,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 class _SingleEntry:
     """Entry point of ``gym.make``.
 
-    For environments that render images, Gymnasium implements the render mode "human" with a window. Without a screen
-    this fails at the first reset. If "human" is among the modes here, Gymnasium does not add the window, and the
-    environment can reject the mode.
+    If an environment renders images but lacks the render mode "human", Gymnasium implements this mode with a window.
+    Without a screen the window fails at the first reset. With "human" in this metadata, Gymnasium adds no window, and
+    the environment can reject the mode.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
@@ -160,7 +162,7 @@ class _SingleEntry:
 
 
 def _requested_length(entry: FrameType | None) -> int:
-    """The argument ``max_episode_steps`` of the ``gym.make`` call that called the entry point.
+    """Returns the argument ``max_episode_steps`` of the ``gym.make`` call that called the entry point.
 
     Gymnasium wraps the environment in a time limit and does not pass the limit to the environment. The environment
     needs the limit to reject steps after the end of an episode. A wrapper around the time limit
@@ -177,7 +179,7 @@ single_entry = _SingleEntry()
 def info_of(step: Step) -> dict[str, Any]:
     """Returns the info of the first world.
 
-    Values have Python's types: Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's.
+    Values have Python's types. Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's bools.
     """
     info: dict[str, Any] = {
         "success": bool(step.success[0]),

@@ -15,7 +15,7 @@ from avrgym.system.type_guards import is_array, is_table
 
 
 class SerializableSpec:
-    """Base of environments with plain keyword arguments in ``spec``, so that ``spec.to_json()`` works."""
+    """Base class of environments. Keyword arguments in ``spec`` are plain data; ``spec.to_json()`` therefore works."""
 
     _spec: EnvSpec | None = None
 
@@ -35,7 +35,7 @@ class SerializableSpec:
 
 
 def plain(value: Any) -> Any:
-    """Returns a value as JSON represents it; a person or a camera becomes the table of their fields."""
+    """Returns a value as plain data for JSON. A person or a camera becomes a dictionary of fields."""
     if isinstance(value, Person):
         return plain(asdict(value))
     if isinstance(value, msgspec.Struct):

@@ -1,4 +1,4 @@
-"""The native vector environment: many worlds stepped in parallel."""
+"""The native vector environment: it steps many worlds in parallel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -39,10 +39,11 @@ from avrgym.tasks.settings import as_settings
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     SerializableSpec, VectorEnv[Observed, Float32Array, NumpyArray]
 ):
-    """N worlds stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
+    """N worlds that are stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
-    ``autoreset_mode`` determines when a world starts its next episode: in the same step (default); in the next step,
-    which ignores the world's action and has reward 0; or by ``reset`` with ``options={"reset_mask": mask}``.
+    ``autoreset_mode`` determines when a world starts its next episode: in the last step of the old episode (default),
+    in the next step, or only by ``reset`` with ``options={"reset_mask": mask}``. In the second case, the next step
+    ignores the world's action and returns reward 0.
     """
 
     single_observation_space: gym.Space[Any]
@@ -67,11 +68,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment, threads, engine, withdrawal and force guard.
+        """``Episodes`` documents people, person, impairment, threads, engine, withdrawal and force guard.
 
-        ``Settings`` describes the other keyword arguments.
-        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end. With
-        ``cameras``, names or ``CameraSpec``, observations are dictionaries.
+        ``Settings`` documents the other keyword arguments. ``person`` may be a mapping with the fields of ``Person``.
+        Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``), observations are
+        dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.
@@ -111,7 +112,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._worlds = [World(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for copies: a copy continues bit-identically and renders with its own cameras."""
+        """Returns the state for copies, without cameras. A copy continues bit-identically and creates its own
+        cameras."""
         return {**self.__dict__, "_views": {}}
 
     @property
@@ -129,8 +131,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ) -> tuple[Observed, dict[str, Any]]:
         """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
-        With seed s, world i has the same episode as the single environment with seed s + i. A list contains a seed for
-        each world, or None to continue the random stream.
+        Returns observations of all worlds, and infos of the reset worlds. With seed s, world i has the same episode as
+        the single environment with seed s + i. A list contains a seed for each world; None continues the world's random
+        stream.
 
         Raises:
             ValueError: if the number of seeds is not N, or for an invalid mask.
@@ -147,7 +150,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def step(
         self, actions: Float32Array
     ) -> tuple[Observed, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Take one control step in all worlds. An error changes nothing.
+        """Take one control step in all worlds. Returns observations, rewards, terminations, truncations and infos.
+        After an error, nothing has changed.
 
         Raises:
             ValueError: for actions of another shape than (N, J), or with numbers that are not finite.
@@ -169,13 +173,13 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(now), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
 
     def _observed(self, step: Step) -> Observed:
-        """Observations of all worlds; images are of the present state."""
+        """Returns the observations of all worlds. Images show the current state."""
         if not self._cameras:
             return step.observation.copy()
         return {STATE: step.observation.copy(), **self.episodes.images(self._cameras)}
 
     def _final_infos(self, step: Step, ended: BoolArray) -> dict[str, Any]:
-        """The last observations and infos of worlds (N,), before their next episodes start."""
+        """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
         final = final_infos(step, ended)
         if self._cameras:
             worlds = np.nonzero(ended)[0].tolist()
@@ -195,7 +199,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
 
     def _begin(self, which: BoolArray) -> Step:
-        """Start episodes in the worlds of a mask (N,). Returns the present step of all worlds."""
+        """Start episodes in the worlds of a mask (N,). Returns the current step of all worlds."""
         ids = np.nonzero(which)[0]
         if not len(ids) and self._now is not None:
             return self._now
@@ -209,7 +213,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns the results of each world's method, or each world's attribute, with this name."""
+        """Returns the attribute ``name`` of each world. If the attribute is a method, it is called, and its result
+        returned."""
         found = [getattr(world, name) for world in self._worlds]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
@@ -218,7 +223,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of each world, from a list or tuple (N,) or to one value for all.
+        """Set an attribute of each world. ``values`` is a list or tuple (N,), or one value for all worlds.
 
         Raises:
             ValueError: if the number of values is not N.
@@ -234,7 +239,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns an image (480, 640, 3) of each world in the render mode ``rgb_array``, else ``None``.
 
-        Use few worlds: each needs its own model and graphics context.
+        Use few worlds: each world needs its own model and graphics context.
 
         Raises:
             RuntimeError: if rendering fails. The message contains a setting that may help.

@@ -29,7 +29,8 @@ class RandomStreams:
     def reseed(self, seed: Seeds, which: BoolArray) -> None:
         """Seed the generators of the worlds in a mask (N,).
 
-        With one seed, world i gets seed + i. With a list, world i gets the i-th seed, except if it is None.
+        With one seed, world i gets seed + i. With a list, world i gets the i-th seed; None does not change its
+        generator.
 
         Raises:
             ValueError: if the number of seeds is not N.
@@ -53,7 +54,7 @@ class RandomStreams:
 
 
 NO_TIME_LIMIT = -1
-"""The length of episodes without a time limit, as in ``gym.make``."""
+"""Value of ``max_episode_steps`` for episodes without a time limit, as in ``gym.make``."""
 
 
 def check_count(name: str, count: object) -> None:
@@ -74,7 +75,7 @@ def plain_seed(seed: int | np.integer | None) -> int | None:
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
-    """Boolean mask (N,) of the worlds to reset: ``options["reset_mask"]``, or all worlds.
+    """Returns the boolean mask (N,) of the worlds to reset: ``options["reset_mask"]``, or all worlds.
 
     Raises:
         ValueError: if the mask is not a boolean array (N,) with at least one ``True``.
@@ -106,7 +107,8 @@ def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray
 
 
 def infos(step: Step, of: BoolArray) -> dict[str, Any]:
-    """Returns the infos of the worlds in a mask (N,), with zeros for the other worlds, and a mask for each key."""
+    """Returns the infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0. Each key has a mask
+    ``_key``."""
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
     found: dict[str, Any] = {
         "success": step.success & of,
@@ -124,7 +126,7 @@ def infos(step: Step, of: BoolArray) -> dict[str, Any]:
 
 
 def final_infos(step: Step, ended: BoolArray) -> dict[str, Any]:
-    """Returns the last observations and infos of the worlds (N,) whose episodes ended in this step."""
+    """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:
         observations[world] = step.observation[world].copy()

@@ -1,7 +1,7 @@
 """Functions for NumPy arrays and arrays of other libraries (Python array API), such as PyTorch tensors on a GPU.
 
-Functions compute with the library of their arguments. With NumPy arrays, results are bit-identical to NumPy's
-functions. With other libraries nothing is copied to the host, because no function branches on values or counts.
+Functions compute with the library of their arguments. With NumPy arrays, results are bit-identical to those of NumPy's
+functions. With other libraries, only ``to_numpy`` copies values to the host: no function branches on values.
 """
 
 from dataclasses import is_dataclass, replace
@@ -21,7 +21,7 @@ _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
 
 
 def namespace(*values: AnyArray) -> Any:
-    """The array library of the values; NumPy if all are NumPy arrays or numbers."""
+    """Returns the array library of the values. It is NumPy if all values are NumPy arrays, numbers or sequences."""
     for value in values:
         if not isinstance(value, _NUMPYS):
             return array_namespace(value)
@@ -31,8 +31,7 @@ def namespace(*values: AnyArray) -> Any:
 def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
     """Returns the array library of the values, then each value as a floating-point array of this library.
 
-    NumPy values become float64. If one value is an array of another library, host numbers become arrays of that
-    library.
+    NumPy values become float64. If one value is an array of another library, all values become arrays of that library.
     """
     for value in values:
         if not isinstance(value, _NUMPYS):
@@ -41,8 +40,8 @@ def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def constant_like(values: AnyArray, array: AnyArray) -> AnyArray:
-    """Convert constants to the library, device and (if floating) data type of ``array``. For NumPy they do not
-    change."""
+    """Returns constants in the library and on the device of ``array``. Floating-point constants get its data type. If
+    ``array`` is of NumPy, ``values`` are returned unchanged. Conversions are cached."""
     if isinstance(array, _NUMPYS) or not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)
@@ -56,9 +55,9 @@ def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: An
 
 
 def moved_to(values: AnyArray, array: AnyArray) -> AnyArray:
-    """A host array, or a dataclass of arrays, moved to the library and device of another array.
+    """Returns a host array, or a dataclass of arrays, in the library and on the device of ``array``.
 
-    Floating-point numbers get the data type of that array.
+    Floating-point numbers get the data type of ``array``.
     """
     if isinstance(array, _NUMPYS):
         return values
@@ -72,26 +71,27 @@ def moved_to(values: AnyArray, array: AnyArray) -> AnyArray:
 
 
 def to_numpy(array: AnyArray) -> NumpyArray:
-    """A NumPy array with the same numbers; for other libraries a copy that waits for the device."""
+    """Returns a NumPy array with the same numbers. An array of another library is copied when the device has computed
+    it."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
 def float_copy(array: ArrayLike) -> AnyArray:
-    """A floating-point copy that may be changed."""
+    """Returns a floating-point copy that may be changed."""
     xp, numbers = as_floats(array)
     return xp.asarray(numbers, copy=True)
 
 
 def row_indices(array: AnyArray) -> AnyArray:
-    """0, 1, … for the rows (n, ...) of an array, on its device."""
+    """Returns the indices 0 to n − 1 of the rows of an array (n, ...), on its device."""
     return namespace(array).arange(len(array), device=array.device)
 
 
 def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
-    """Index arrays, one for each axis, of the elements to compute: with NumPy the elements for which a mask is true.
+    """Returns index arrays, one per axis, of the elements to compute.
 
-    With other libraries all elements are computed, because the number of true elements would have to be copied to the
-    host. The caller must mask the results.
+    With NumPy these are the elements for which ``mask`` is true. With other libraries they are all elements, because
+    the number of true elements would have to be copied to the host. The caller must therefore mask the results.
     """
     xp = namespace(mask)
     if xp is np:
@@ -101,11 +101,11 @@ def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
-    """Linear interpolation between two limits at shares 0 to 1, any shape."""
+    """Returns the linear interpolation between two limits: the first limit at share 0, the second at share 1."""
     return limits[0] + (limits[1] - limits[0]) * share
 
 
 def choose_index(uniform: FloatArray, count: IntArray | int) -> IntArray:
-    """Map uniform numbers in [0, 1] to indices 0 to ``count`` − 1. All indices are equally likely."""
+    """Map uniform random numbers in [0, 1] to indices from 0 to ``count`` − 1. All indices are equally likely."""
     xp = namespace(uniform)
     return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)

@@ -1,8 +1,8 @@
 """Distances of segments from segments, points and boxes, vectorised over pairs.
 
-A capsule is a segment with a radius. The distance of two capsules is the distance of their segments minus both radii.
-Functions broadcast over leading axes and work element by element: a pair's result does not depend on other pairs.
-Internally the vector axis is first, which is faster. Arrays may be of any library, see ``arrays``.
+A capsule is a segment with a radius. The distance between two capsules is the distance between their segments minus
+both radii. Functions broadcast over leading axes. The result of a pair does not depend on other pairs. Internally the
+vector axis is the first axis, which is faster. Arrays may be of any library, see ``arrays``.
 """
 
 import numpy as np
@@ -13,10 +13,11 @@ from avrgym.geometry.arrays import as_floats, namespace
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
-    """Distance (...) in metres between segments a and b, given by their ends (..., 3).
+    """Returns the distance (...) in metres between segments a and b, given by their ends (..., 3).
 
-    The algorithm clamps the closest points of the lines (Ericson, *Real-Time Collision Detection*, 2005, section
-    5.1.9). For parallel lines any start leads to a closest pair. Segments may be points. Exact to 1e-8 of their length.
+    The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision Detection*,
+    2005, section 5.1.9). For parallel lines, every first point leads to a closest pair. Segments may be points. The
+    error is at most 1e-8 of the segments' length.
     """
     a0, a1, b0, b1 = _axis_first(a0, a1, b0, b1)
     along_a, along_b, offset = a1 - a0, b1 - b0, a0 - b0
@@ -29,7 +30,7 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
 
 
 def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
-    """Distance (...) of points (..., 3) from segments with ends (..., 3)."""
+    """Returns the distance (...) of points (..., 3) from segments with the ends ``s0`` and ``s1`` (..., 3)."""
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
     return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
@@ -38,7 +39,7 @@ def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatAr
 def segment_box_distance(
     box_pos_w: FloatArray, box_q_w: FloatArray, half_size_m: FloatArray, s0_w: FloatArray, s1_w: FloatArray
 ) -> FloatArray:
-    """Distance (...) in metres between segments and oriented boxes; 0 where they intersect.
+    """Returns the distance (...) in metres between segments and oriented boxes; 0 if they intersect.
 
     Args:
         box_pos_w: box centres (..., 3).
@@ -56,11 +57,12 @@ def segment_box_distance(
 
 
 def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> FloatArray:
-    """Position (...) along segments, 0 to 1, that is closest to boxes at the origin; arguments (3, ...).
+    """Returns the position (...) along each segment, 0 to 1, that is closest to a box at the origin. Arguments are (3,
+    ...).
 
-    The squared distance is convex. Its slope along each axis is zero inside the box's slab and linear outside. The sum
-    of slopes is therefore linear between neighbouring positions at which the segment enters or leaves a slab. One
-    Newton step from the correct interval finds its zero.
+    The squared distance is a convex function of the position. Each axis contributes a slope: zero inside the slab of
+    the box, linear outside. The sum of slopes is therefore linear between neighbouring positions at which the segment
+    enters or leaves a slab. One Newton step in the correct interval finds the zero of this sum.
     """
     xp = namespace(start)
     least = _vanishing(along)
@@ -79,25 +81,26 @@ def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> Fl
 
 
 def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
-    """Ratio clamped to 0 … 1; 0 where the denominator vanishes."""
+    """Returns the ratio, clamped to 0 … 1; 0 if the denominator vanishes."""
     xp = namespace(numerator)
     usable = xp.abs(denominator) > _vanishing(denominator)
     return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
 
 def _vanishing(x: FloatArray) -> float:
-    """Threshold below which a number counts as zero: its inverse must be finite in the array's precision."""
+    """Returns the threshold below which a number counts as zero. The inverse of the threshold is finite in x's
+    precision."""
     return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
 def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """Clip to a range; faster than ``numpy.clip``."""
+    """Clip x to [low, high]. This is faster than ``numpy.clip``."""
     xp = namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
-    """Move the last axis of vectors (..., n) to the front, after padding them to equal numbers of axes."""
+    """Returns vectors (..., n) with equal numbers of axes, and with the last axis moved to the front."""
     xp, *arrays = as_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
@@ -106,7 +109,8 @@ def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Sum over the first axis, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
+    """Returns the dot product (...) of vectors (3, ...), or for a matrix ``a`` (3, 3, ...) the product aᵀ b (3,
+    ...)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

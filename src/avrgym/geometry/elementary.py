@@ -1,13 +1,12 @@
-"""Elementary functions whose results are the same bits on every processor.
+"""Elementary functions with bit-identical results on every processor.
 
-NumPy and BLAS choose implementations depending on the processor, and these differ in the last bit. Contacts amplify
-this difference to centimetres. The functions here use only sums, products, quotients and square roots in a fixed order,
-which IEEE 754 defines to the last bit. Arguments are reduced with constants in several parts (Cody and Waite, "Software
-Manual for the Elementary Functions", 1980), followed by Taylor series.
-
-Arguments are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last
-place of 1, or of the result if it is larger. Errors of powers increase with the result's logarithm. Arrays of other
-libraries than NumPy use the functions of their library.
+NumPy and BLAS choose an implementation for the processor. Results of these implementations differ in the last bit, and
+contacts amplify this difference to centimetres. The functions here use only sums, products, quotients and square roots
+in a fixed order. IEEE 754 defines their results to the last bit. Arguments are first reduced with constants in several
+parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980); then Taylor series are summed. Arguments
+are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last place of 1,
+or of the result if it is larger than 1. Errors of powers increase with the result's logarithm. For arrays of other
+libraries than NumPy, the functions call those of the array's library.
 """
 
 import hashlib
@@ -27,7 +26,8 @@ T = TypeVar("T")
 
 
 def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorate a function: for other libraries than NumPy, call the library's function ``name``."""
+    """Returns a decorator. For arrays of other libraries than NumPy, the function calls the library's function
+    ``name``."""
 
     def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
@@ -43,9 +43,10 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
-    """Sine and cosine of radians. Errors are below 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ revolutions (float32: 100).
+    """Returns sine and cosine of x in radians.
 
-    Taylor series of a quarter of the angle, followed by two applications of the double-angle formulas.
+    Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). The Taylor series
+    is summed for a quarter of the angle. Then the double-angle formulas are applied twice.
     """
     library = namespace(x)
     if library is not np:
@@ -65,28 +66,28 @@ def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
 
 
 def sin(x: ArrayLike) -> NumpyArray:
-    """The sine of radians."""
+    """Returns the sine of x in radians."""
     return sine_and_cosine(x)[0]
 
 
 def cos(x: ArrayLike) -> NumpyArray:
-    """The cosine of radians."""
+    """Returns the cosine of x in radians."""
     return sine_and_cosine(x)[1]
 
 
 @_or_by_library("tan")
 def tan(x: ArrayLike) -> NumpyArray:
-    """The tangent of radians."""
+    """Returns the tangent of x in radians."""
     sine, cosine = sine_and_cosine(x)
     return sine / cosine
 
 
 @_or_by_library("atan2")
 def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
-    """Angle of the point (x, y) in radians, −π..π; 0 at the origin.
+    """Returns the angle of the point (x, y) in radians, −π..π; 0 at the origin.
 
-    t is the ratio of the smaller to the larger coordinate, c the multiple of 1/4 closest to t: arctan t = arctan c +
-    arctan (t − c)/(1 + c t).
+    Let t be the ratio of the smaller to the larger coordinate, and c the multiple of 1/4 that is closest to t. Then
+    arctan t = arctan c + arctan (t − c)/(1 + c t).
     """
     y, x = np.broadcast_arrays(_floating(y), _floating(x))
     across, along = np.abs(y), np.abs(x)
@@ -103,21 +104,21 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
 
 @_or_by_library("asin")
 def arcsin(x: ArrayLike) -> NumpyArray:
-    """Angle −π/2..π/2 in radians whose sine is x, −1..1."""
+    """Returns the arcsine of x in radians, −π/2..π/2, for x in −1..1."""
     x = _floating(x)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
 @_or_by_library("acos")
 def arccos(x: ArrayLike) -> NumpyArray:
-    """Angle 0..π in radians whose cosine is x, −1..1."""
+    """Returns the arccosine of x in radians, 0..π, for x in −1..1."""
     x = _floating(x)
     return arctan2(np.sqrt((1.0 - x) * (1.0 + x)), x)
 
 
 @_or_by_library("tanh")
 def tanh(x: ArrayLike) -> NumpyArray:
-    """The hyperbolic tangent, (e²ˣ − 1) / (e²ˣ + 1)."""
+    """Returns the hyperbolic tangent of x, (e²ˣ − 1) / (e²ˣ + 1)."""
     x = _floating(x)
     scale, more = _exponential(np.minimum(2.0 * np.abs(x), 40.0))
     grown = scale * more + (scale - 1.0)
@@ -125,7 +126,7 @@ def tanh(x: ArrayLike) -> NumpyArray:
 
 
 def _exponential(x: NumpyArray) -> tuple[NumpyArray, NumpyArray]:
-    """2ᵏ and eʳ − 1 with x = k ln 2 + r, so that eˣ = 2ᵏ eʳ."""
+    """Returns 2ᵏ and eʳ − 1, where x = k ln 2 + r and therefore eˣ = 2ᵏ eʳ."""
     doublings = np.rint(x * (1.0 / math.log(2.0)))
     rest = (x - doublings * _LN_2[0]) - doublings * _LN_2[1]
     return np.ldexp(np.ones_like(x), doublings.astype(np.intp)), rest * _series(rest, _EXPONENTIAL)
@@ -133,7 +134,7 @@ def _exponential(x: NumpyArray) -> tuple[NumpyArray, NumpyArray]:
 
 @_or_by_library("pow")
 def power(base: ArrayLike, exponent: ArrayLike) -> NumpyArray:
-    """base^exponent for a base ≥ 0 and a result without overflow."""
+    """Returns base^exponent, for a base ≥ 0 and a result without overflow."""
     base, exponent = _floating(base), _floating(exponent)
     mantissa, doublings = np.frexp(np.where(base > 0.0, base, 1.0))
     low = mantissa < math.sqrt(0.5)
@@ -157,7 +158,7 @@ def _number(x: NumpyArray, value: float) -> Any:
 
 
 def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
-    """Polynomial by Horner's rule, coefficients from the highest power down."""
+    """Returns a polynomial of x by Horner's rule. The first coefficient is that of the highest power."""
     total = x * _number(x, coefficients[0])
     for coefficient in coefficients[1:-1]:
         total += _number(x, coefficient)
@@ -167,7 +168,7 @@ def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
 
 
 def _alternating(powers: range) -> list[float]:
-    """±1/p! of every second power, with alternating signs, from the highest down."""
+    """Returns the Taylor coefficients ±1/p! of sine or cosine for the powers p, the highest power first."""
     return [(-1.0) ** (power // 2) / math.factorial(power) for power in reversed(powers)]
 
 
@@ -183,8 +184,8 @@ _CIRCULAR = {
         _alternating(range(0, 10, 2)),
     ),
 }
-"""By data type: 2π as a sum of parts, and series of sine and cosine up to π/4. Products of the first parts and a number
-of revolutions are exact."""
+"""By data type: 2π as a sum of parts, and the series of sine and cosine for angles of at most π/4. Products of the
+first parts and a number of revolutions are exact."""
 
 _ARCTANGENTS = np.array(
     [0.0, 0.24497866312686414, 0.4636476090008061, 0.6435011087932844, 0.7853981633974483]
@@ -198,7 +199,7 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 @cache
 def fingerprint_of_c_library() -> str:
-    """Hash (eight hexadecimal digits) of the C library's rounding in the functions that MuJoCo uses."""
+    """Returns a hash (eight hexadecimal digits) of the rounding of the C library's functions that MuJoCo uses."""
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)
     values = [function(number) for function in functions for number in numbers if number < 700.0]

@@ -1,10 +1,8 @@
 """Kinematics of chains of hinges and slides: forward kinematics, Jacobian, isotropy, inverse kinematics.
 
-Joint positions are radians for hinges and metres for slides. ``Chain.units`` scales them to comparable numbers.
-
-Public arrays have the row first, (N, ...). Internally rows are last, so that operations run along contiguous memory,
-and a rotation is its three columns, (3, 3, N). All operations are element-wise over rows: a row's result has the same
-bits alone and among others.
+Joint positions are in radians for hinges and in metres for slides. ``Chain.units`` makes them comparable. In public
+arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then run along contiguous memory.
+A rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -37,12 +35,12 @@ SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 @dataclass(frozen=True)
 class Chain:
-    """J hinges and slides from a base frame to a tip frame.
+    """A kinematic chain of J hinges and slides from a base frame to a tip frame.
 
     Attributes:
-        pos, q: body of each joint in the previous body at position zero, (J, 3) and (J, 4).
-        axis: joint axes in the body (J, 3).
-        tip_pos, tip_q: tip in the last body, (3,) and (4,).
+        pos, q: pose of each joint's body in the frame of the previous body at joint position zero, (J, 3) and (J, 4).
+        axis: joint axes in the frame of their bodies (J, 3).
+        tip_pos, tip_q: pose of the tip in the frame of the last body, (3,) and (4,).
         lower, upper: joint ranges (J,), infinite for continuous joints.
         slides: indices of the joints that are slides.
     """
@@ -65,8 +63,8 @@ class Chain:
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """The same chain with all joint axes along z: J + 1 fixed displacements and rotation columns. The last link
-        ends at the tip."""
+        """J + 1 links (fixed displacement, rotation columns) of the same chain, with frames that have the joint axis
+        along z. The last link ends at the tip."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
@@ -77,28 +75,28 @@ class Chain:
 
 
 def _frame_with_z(axis: FloatArray) -> FloatArray:
-    """A rotation (3, 3) with third column ``axis``; a permutation if possible."""
+    """Returns a rotation matrix (3, 3) with ``axis`` as third column. It is a permutation matrix if possible."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     x = transforms.normalize(helper - axis * (axis * helper).sum())
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Product of matrices (3, 3), or of a matrix and a vector (3,), summed in column order."""
+    """Returns the product of matrices (3, 3), or of a matrix and a vector (3,). Sums run in column order."""
     return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
 def _snapped(values: FloatArray) -> list[Any]:
-    """Round numbers close to 0 and ±1 to these values, which makes products cheap."""
+    """Round numbers that are close to an integer (0 or ±1) to this integer. This makes products cheap."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
 
 def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
-    """Read a chain from a model, from the frame of body ``base`` to body ``tip``. Bodies without joints are allowed.
+    """Returns the chain of a model from the frame of body ``base`` to body ``tip``. Bodies without joints are allowed.
 
     Raises:
-        ValueError: if the joints are not on the path from base to tip, one per body and in this order.
+        ValueError: if the joints on the path from base to tip are not ``joints``, one per body and in this order.
     """
     joint_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
     base_id, body = model.body(base).id, model.body(tip).id
@@ -133,7 +131,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
 
 
 def joint_units(types: Sequence[int]) -> FloatArray:
-    """Joint displacements (J,) that count as 1, for MuJoCo's joint types; see ``Chain.units``."""
+    """Returns joint displacements (J,) that count as 1, given MuJoCo's joint types; see ``Chain.units``."""
     return np.where(np.equal(types, SLIDE), METRES_PER_RADIAN, 1.0)
 
 
@@ -143,16 +141,16 @@ def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
 
 
 def forward(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame for joint positions (N, J)."""
+    """Returns tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame, at joint positions (N, J)."""
     poses = _poses(chain, rows_last(joint_positions))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
 def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tip pose and geometric Jacobian in the base frame.
+    """Forward kinematics and geometric Jacobian of the tip in the base frame, at joint positions (N, J).
 
     Returns:
-        Positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad or m/m, rows 3–5 rad/rad; 0 for slides.
+        Tip positions (N, 3), quaternions (N, 4) and Jacobian (N, 6, J). Rows 0–2 are translations, rows 3–5 rotations.
     """
     poses = _poses(chain, rows_last(joint_positions))
     q = transforms.from_matrix(rows_first(poses.columns))
@@ -160,9 +158,9 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
 
 
 def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) -> FloatArray:
-    """Jacobian (N, 6, A) of a tip in the frame of the robot's base, by the speeds of joints and drive.
+    """Returns the Jacobian (N, 6, A) of the tip in the frame of the robot's base, for speeds of joints and base.
 
-    With ``drives``, the last columns are those of moving the base along x and of turning it about z.
+    If ``drives`` is true, the last two columns belong to the base's motion along x and its rotation about z.
     """
     pos, _, j = jacobian(chain, joint_positions)
     if not drives:
@@ -174,7 +172,7 @@ def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) 
 
 
 def with_travel(chain: Chain, travel_m: float) -> Chain:
-    """The chain of an arm whose base also travels up to this far along its x axis: a slide before the first joint."""
+    """Returns the chain with a slide before the first joint: the base moves along its x axis within ± ``travel_m``."""
     return replace(
         chain,
         pos=np.concatenate([np.zeros((1, 3)), chain.pos]),
@@ -187,7 +185,8 @@ def with_travel(chain: Chain, travel_m: float) -> Chain:
 
 
 def reach_m(chain: Chain) -> float:
-    """Upper bound of the distance of the tip from the first joint at position zero."""
+    """Returns an upper bound of the distance in metres between the tip and the first joint (a slide at position
+    zero)."""
     travel = np.zeros((len(chain.pos), 2, 3))
     for slide in chain.slides:
         travel[slide, :, 2] = chain.lower[slide], chain.upper[slide]
@@ -198,7 +197,7 @@ def reach_m(chain: Chain) -> float:
 
 
 def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Joint positions (..., J) with continuous joints wrapped to ±π."""
+    """Returns joint positions (..., J) with the angles of continuous joints wrapped to ±π."""
     free = ~np.isfinite(chain.upper)
     return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
@@ -208,11 +207,11 @@ WEIGHT_FLOOR = 0.001
 
 
 def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Joint-limit weights (N, J) for joint positions (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
+    """Returns joint-limit weights (N, J) at joint positions (N, J).
 
-    Half the range is r, the lower limit l: w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1), with a minimum of 0.001
-    outside the range (Kapusta and Kemp, "Task-centric optimization of configurations for assistive robots", Autonomous
-    Robots 43, 2019).
+    The weight is 0.5 at a limit, almost 1 far from both limits, and 1 for continuous joints. With half range r and
+    lower limit l, w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1). Outside the range the minimum is 0.001 (Kapusta and
+    Kemp, "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019).
     """
     limited = np.isfinite(chain.upper)
     lower, upper = np.where(limited, chain.lower, -1.0), np.where(limited, chain.upper, 1.0)
@@ -224,11 +223,12 @@ def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Joint-limit-weighted kinematic isotropy (N,) of joint positions (N, J): 0 at singularities, at most 1.
+    """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J): 0 at singularities, at most
+    1.
 
-    Geometric mean divided by arithmetic mean of the eigenvalues of J W Jᵀ, for joints in ``Chain.units``: det(J W
-    Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous Robots 43, 2019), after
-    the kinematic isotropy of Kim and Khosla (IROS 1991).
+    It is the geometric mean of the eigenvalues of J W Jᵀ divided by their arithmetic mean, for joints in
+    ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Source: Kapusta and Kemp
+    (Autonomous Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
     """
     j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
     square = weighted_square(j, rows_last(limit_weights(chain, joint_positions)))
@@ -240,7 +240,8 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Solution:
-    """Joint positions (N, J) and residual errors: metres (N,) and radians (N,). Without a target, an error is 0."""
+    """Joint positions (N, J) and their residual errors in metres (N,) and radians (N,). Without a target rotation, the
+    rotation error is 0."""
 
     joint_positions: FloatArray
     position_error_m: FloatArray
@@ -252,7 +253,7 @@ MAX_TURN_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """One radian of a rotation error, or of a joint's motion, counts as 0.3 m."""
 BLOCK_ROWS = 4096
-"""Rows in a block: large against NumPy's call overhead, small enough for the processor's cache."""
+"""Number of rows that are computed together: many enough to hide NumPy's call overhead, few enough for the cache."""
 
 
 def solve(
@@ -267,9 +268,9 @@ def solve(
 ) -> Solution:
     """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the joint ranges.
 
-    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). If the error pushes a
-    joint beyond a limit, this joint is excluded from the step, as in projected Newton methods (Bertsekas, SIAM J.
-    Control and Optimization 20(2), 1982). If the search starts at the present positions, a few iterations are enough to
+    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at a limit is
+    excluded from the step if the step would exceed the limit, as in projected Newton methods (Bertsekas, SIAM J.
+    Control and Optimization 20(2), 1982). If the search starts at the current positions, a few iterations are enough to
     follow a moving target.
 
     Args:
@@ -278,8 +279,8 @@ def solve(
         target_q: (N, 4), or None for any rotation.
         start: (N, J), the initial joint positions.
         iterations: maximum number of steps. A step moves each joint by at most 0.5 ``Chain.units``.
-        tolerance: a row is not changed further when its weighted error is below this value, metres.
-        precision: data type of the computation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
+        tolerance: the search of a row ends when its weighted error is at most this value, metres.
+        precision: data type of the computation; ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
     target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
@@ -315,11 +316,11 @@ def restart_uniforms(joints: int) -> int:
 def solve_with_restarts(
     chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_pose: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
-    """Inverse kinematics (N, J) of targets (N, 3) and (N, 4) from a seed pose (J,), then from random poses around it.
+    """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
-    The random poses are within 1 ``Chain.units`` of the seed pose in each joint. ``uniforms`` (N,
-    ``restart_uniforms(J)``) determine them. The result of a row is the first solution within 5 mm and 0.05 rad,
-    otherwise the best one. Continuous joints are wrapped to ±π.
+    The search starts at a seed pose (J,), then at random poses near the seed pose: each joint differs by at most 1
+    ``Chain.units``. ``uniforms`` (N, ``restart_uniforms(J)``) determine the random poses. The result of a row is the
+    first solution within 5 mm and 0.05 rad, or the best solution if there is none. Continuous joints are wrapped to ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
@@ -333,12 +334,12 @@ def solve_with_restarts(
 
 
 def is_accurate(solution: Solution) -> BoolArray:
-    """Boolean mask (N,): rows with errors within 5 mm and 0.05 rad."""
+    """Returns a boolean mask (N,) of the rows with errors below 5 mm and 0.05 rad."""
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
 def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """Replace ``rows`` of ``old`` (N,) by ``new`` (rows,) where the residual error of ``new`` is smaller."""
+    """Returns ``old`` (N,) with ``rows`` replaced by ``new`` (rows,) if the residual error of ``new`` is smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
@@ -348,7 +349,7 @@ def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     return merged
 
 
-# Rows last from here on.
+# In the following functions, the row is the last axis.
 
 
 @dataclass(frozen=True)
@@ -386,7 +387,7 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """Jacobian as its J columns (J, 6, N); components 3–5 are multiplied by ``metres_per_radian``."""
+    """Returns the J columns of the Jacobian, (J, 6, N). Components 3–5 are multiplied by ``metres_per_radian``."""
     j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
     j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
     np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
@@ -396,7 +397,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
 
 
 def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """The Jacobian of ``_jacobian``, for joint positions in ``Chain.units``."""
+    """Returns the Jacobian of ``_jacobian`` for joint positions in ``Chain.units``."""
     j = _jacobian(poses, metres_per_radian)
     for slide in poses.slides:
         j[slide] *= METRES_PER_RADIAN
@@ -404,7 +405,8 @@ def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArra
 
 
 def _target(pos: FloatArray, q: FloatArray | None) -> tuple[FloatArray, float]:
-    """Position and rotation columns (4, 3, N), and the weight of the rotation."""
+    """Returns the target as position and rotation columns (4, 3, N), and the weight of the rotation in metres per
+    radian."""
     place = rows_last(pos)[None]
     if q is None:
         return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
@@ -423,7 +425,7 @@ MIN_DAMPING_M2 = 1e-5
 def _step(
     angles: FloatArray, limits: FloatArray, units: FloatArray, j: FloatArray, error: FloatArray
 ) -> FloatArray:
-    """Joint positions (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
+    """Returns joint positions (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error. W is diag(``_free``)."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
@@ -433,12 +435,13 @@ def _step(
 
 
 def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:
-    """Weights (J, N): 1 for joints that can move in the direction of the error, 0 for joints at a limit."""
+    """Returns weights (J, N): 0 for joints at a limit that ``pull`` would move beyond the limit, 1 for all other
+    joints."""
     lower, upper = limits
     stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
     return (~stuck).astype(pull.dtype)
 
 
 def _times_error(j: FloatArray, error: FloatArray) -> FloatArray:
-    """Jᵀ error, (J, N)."""
+    """Returns the product Jᵀ error, (J, N)."""
     return reduce(np.add, (j[:, i] * error[i] for i in range(6)))

@@ -1,6 +1,6 @@
-"""Single rotations as matrices (3, 3), whose columns are the axes of the rotated frame.
+"""Single rotations as matrices (3, 3). The columns of a matrix are the axes of the rotated frame.
 
-For a single rotation these functions take a tenth of the time of ``transforms``, which computes arrays of rotations.
+``transforms`` computes arrays of rotations. For a single rotation, the functions here take a tenth of its time.
 """
 
 from math import atan2, cos, hypot, sin
@@ -12,14 +12,14 @@ from avrgym.array_types import FloatArray
 
 
 def from_quaternion(q: FloatArray) -> FloatArray:
-    """The rotation matrix (3, 3) of a unit quaternion (4,)."""
+    """Returns the rotation matrix (3, 3) of a unit quaternion (4,)."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, q)
     return axes.reshape(3, 3)
 
 
 def from_euler_xyz(x_rad: float, y_rad: float, z_rad: float) -> FloatArray:
-    """The rotation matrix Rx Ry Rz (3, 3) of intrinsic Euler angles in radians."""
+    """Returns the rotation matrix Rx Ry Rz (3, 3) of intrinsic Euler angles in radians."""
     cx, cy, cz = cos(x_rad), cos(y_rad), cos(z_rad)
     sx, sy, sz = sin(x_rad), sin(y_rad), sin(z_rad)
     return np.array(
@@ -32,9 +32,9 @@ def from_euler_xyz(x_rad: float, y_rad: float, z_rad: float) -> FloatArray:
 
 
 def to_euler_xyz(axes: FloatArray) -> tuple[float, float, float]:
-    """Euler angles of a rotation matrix, the inverse of ``from_euler_xyz``.
+    """Returns the Euler angles x, y, z of a rotation matrix in radians, the inverse of ``from_euler_xyz``.
 
-    At gimbal lock (y = ±90°) only x ± z is determined. The result is then one of the solutions.
+    At gimbal lock (y = ±90°) the matrix determines only x ± z. The result is then one of many solutions.
     """
     (m00, m01, m02), (_, _, m12), (_, _, m22) = axes.tolist()
     return atan2(-m12, m22), atan2(m02, hypot(m12, m22)), atan2(-m01, m00)

@@ -1,7 +1,7 @@
 """Small vectors and matrices for many rows.
 
-Rows are last, (..., N), so that operations run along contiguous memory. All operations are element-wise over rows: a
-row's result has the same bits alone and among others.
+The row is the last axis, (..., N): operations then run along contiguous memory. A row's result does not depend on other
+rows, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -13,26 +13,26 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
 TINY = 1e-30
-"""Divisor that replaces zero."""
+"""Number that replaces zero as a divisor."""
 
 
 def rows_last(rows_first: FloatArray) -> FloatArray:
-    """Reverse the axes of an array (N, ...): rows come last, and a matrix becomes its columns."""
+    """Returns an array (N, ...) with reversed axes, (..., N). A matrix is then stored as its columns."""
     return np.ascontiguousarray(rows_first.T)
 
 
 def rows_first(rows_last: FloatArray) -> FloatArray:
-    """Reverse the axes of an array (..., N): rows come first, and columns become their matrix."""
+    """Returns an array (..., N) with reversed axes, (N, ...). Columns are then stored as their matrix."""
     return np.ascontiguousarray(rows_last.T)
 
 
 def norm(v: FloatArray) -> FloatArray:
-    """Length (N,) of vectors (k, N)."""
+    """Returns the length (N,) of vectors (k, N)."""
     return np.sqrt(reduce(np.add, v * v))
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of vectors (K, 3, N)."""
+    """Returns the cross products (K, 3, N) of vectors (K, 3, N)."""
     out = np.empty_like(a)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -41,13 +41,14 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[float]) -> FloatArray:
-    """Weighted sum of three columns with factors (3,); factors 0 and 1 need no multiplication."""
+    """Returns the sum of three columns, weighted by factors (3,). Factors 0 and 1 need no multiplication."""
     terms = [c if f == 1.0 else f * c for c, f in zip(columns, factors, strict=True) if f != 0.0]
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
 
 
 def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
-    """The product A W Aᵀ (6, 6, N), given the K columns (K, 6, N) of A and the diagonal (K, N) of W."""
+    """Returns A W Aᵀ (6, 6, N). ``matrix`` contains the K columns of A (K, 6, N), ``weights`` the diagonal of W (K,
+    N)."""
     square = np.zeros((6, 6, matrix.shape[-1]), matrix.dtype)
     for column, weight in zip(matrix, weights, strict=True):
         square += (weight * column)[:, None] * column
@@ -55,14 +56,15 @@ def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def diagonal(matrix: FloatArray) -> FloatArray:
-    """The diagonal (6, N) of matrices (6, 6 or more, N), as a view."""
+    """Returns a view of the diagonal (6, N) of matrices (6, 6 or more, N)."""
     return np.einsum("iin->in", matrix[:, :6])
 
 
 def gaussian_elimination(system: FloatArray) -> None:
-    """Gaussian elimination, in place, of matrices (6, 6 or more, N) whose first six columns are positive semidefinite.
+    """Gaussian elimination in place, for matrices (6, 6 or more, N). The first six columns must be positive
+    semidefinite.
 
-    These need no pivoting. After the elimination the determinant is the product of the diagonal.
+    No pivoting is needed. After the elimination, the determinant is the product of the diagonal.
     """
     for k in range(5):
         factor = system[k + 1 :, k] / np.maximum(system[k, k], TINY)
@@ -70,7 +72,8 @@ def gaussian_elimination(system: FloatArray) -> None:
 
 
 def solve_linear(system: FloatArray) -> FloatArray:
-    """Solution (6, N) of linear equations (6, 7, N) with the right side in the last column."""
+    """Returns the solution (6, N) of linear equations (6, 7, N). The last column is the right side. Changes
+    ``system``."""
     gaussian_elimination(system)
     x = system[:, 6]
     for k in range(5, -1, -1):
@@ -80,7 +83,7 @@ def solve_linear(system: FloatArray) -> FloatArray:
 
 
 def rotation_between(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Rotation vector (3, N) from a rotation, given by its columns (3, 3, N), to the target."""
+    """Returns the rotation vector (3, N) from a rotation to a target; both are given by their columns (3, 3, N)."""
     sine = 0.5 * reduce(np.add, cross(columns, target))
     cosine = 0.5 * (reduce(np.add, reduce(np.add, columns * target)) - 1.0)
     length = norm(sine)

@@ -15,7 +15,7 @@ _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
-    """Product a ⊗ b: rotation b followed by a. Shapes (..., 4)."""
+    """Returns the quaternion product a ⊗ b, (..., 4): first rotation b, then rotation a."""
     _, a, b = as_floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
@@ -28,25 +28,25 @@ def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
 
 
 def conjugate(q: AnyArray) -> FloatArray:
-    """Inverse rotation of a unit quaternion (..., 4)."""
+    """Returns the conjugate of a unit quaternion (..., 4), which is its inverse rotation."""
     _, q = as_floats(q)
     return q * constant_like(_CONJUGATED, q)
 
 
 def normalize(q: AnyArray) -> FloatArray:
-    """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
+    """Returns quaternions or vectors (..., n), scaled to unit length. Values are not finite for length zero."""
     xp, q = as_floats(q)
     return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
 def norm(v: AnyArray) -> FloatArray:
-    """The length (...) of vectors (..., n)."""
+    """Returns the length (...) of vectors (..., n)."""
     xp, v = as_floats(v)
     return xp.sqrt((v * v).sum(axis=-1))
 
 
 def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
-    """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
+    """Returns vectors v (..., 3), rotated by unit quaternions q (..., 4)."""
     _, q, v = as_floats(q, v)
     w, u = q[..., :1], q[..., 1:]
     t = 2.0 * cross(u, v)
@@ -54,7 +54,7 @@ def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
 
 
 def cross(a: AnyArray, b: AnyArray) -> FloatArray:
-    """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
+    """Returns the cross product of vectors (..., 3). For a few vectors, ``numpy.cross`` takes several times as long."""
     _, a, b = as_floats(a, b)
     ax, ay, az = _components(a)
     bx, by, bz = _components(b)
@@ -62,13 +62,14 @@ def cross(a: AnyArray, b: AnyArray) -> FloatArray:
 
 
 def from_axis_angle(axis: AnyArray, angle_rad: AnyArray) -> FloatArray:
-    """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
+    """Returns the quaternion (..., 4) of the rotation by ``angle_rad`` (...) about the unit vector ``axis`` (...,
+    3)."""
     _, axis, angle_rad = as_floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
 
 def from_rotation_vector(v: AnyArray) -> FloatArray:
-    """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
+    """Returns the quaternions (..., 4) of rotation vectors (..., 3) in radians (exponential map)."""
     xp, v = as_floats(v)
     angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
     half = np.pi * xp.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
@@ -77,7 +78,7 @@ def from_rotation_vector(v: AnyArray) -> FloatArray:
 
 
 def to_rotation_vector(q: AnyArray) -> FloatArray:
-    """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
+    """Returns the rotation vectors (..., 3) of unit quaternions (..., 4) (logarithm). Their length is at most π."""
     xp, q = as_floats(q)
     q = xp.where(q[..., :1] < 0.0, -q, q)
     sine = xp.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
@@ -87,7 +88,7 @@ def to_rotation_vector(q: AnyArray) -> FloatArray:
 
 
 def to_matrix(q: AnyArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    """Returns the rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     _, q = as_floats(q)
     w, x, y, z = _components(q)
     x2, y2, z2 = x + x, y + y, z + z
@@ -103,7 +104,7 @@ def to_matrix(q: AnyArray) -> FloatArray:
 
 
 def from_matrix(matrix: AnyArray) -> FloatArray:
-    """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
+    """Returns the unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
     Shepperd's method: the largest of the four squared components is the pivot. The divisions are therefore well
     conditioned.
@@ -125,28 +126,28 @@ def from_matrix(matrix: AnyArray) -> FloatArray:
 
 
 def angle_between(a: AnyArray, b: AnyArray) -> FloatArray:
-    """Angle (...) in radians of the rotation from a to b; both (..., 4)."""
+    """Returns the angle (...) in radians of the rotation from quaternion a to b, both (..., 4)."""
     return norm(to_rotation_vector(multiply(conjugate(a), b)))
 
 
 def compose(
     pos_ab: AnyArray, q_ab: AnyArray, pos_bc: AnyArray, q_bc: AnyArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compose two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
+    """Returns the composition of two poses, T_ac = T_ab · T_bc, as (position, quaternion)."""
     _, pos_ab, turned = as_floats(pos_ab, rotate(q_ab, pos_bc))
     return pos_ab + turned, multiply(q_ab, q_bc)
 
 
 def invert(pos_ab: AnyArray, q_ab: AnyArray) -> tuple[FloatArray, FloatArray]:
-    """Inverse pose T_ba of T_ab."""
+    """Returns the inverse pose T_ba of T_ab, as (position, quaternion)."""
     q_ba = conjugate(q_ab)
     return -rotate(q_ba, pos_ab), q_ba
 
 
 def euler_xyz(q: AnyArray) -> FloatArray:
-    """Angles (..., 3) a, b, c with q = Rx(a) Ry(b) Rz(c): hinges about x, y, z, the first outermost.
+    """Returns the angles (..., 3) a, b, c in radians, with q = Rx(a) Ry(b) Rz(c) (intrinsic rotations about x, y, z).
 
-    b is in −π/2..π/2. At its ends (gimbal lock) only a ± c is determined, and c is 0.
+    b is in −π/2..π/2. At b = ±π/2 (gimbal lock) only a ± c is determined; c is then 0.
     """
     m = to_matrix(q)
     xp = namespace(m)

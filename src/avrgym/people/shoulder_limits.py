@@ -6,16 +6,17 @@ With abduction a, flexion f and external rotation of the humerus r, taken in thi
     −43 + a/3 ≤ f ≤ 153 − a/6
     −90 + 7a/9 − f/9 + 2af/810 ≤ r ≤ 60 + 4a/9 − 5f/9 + 5af/810
 
-(Lenarčič and Umek, "Simple model of human arm reachable workspace", IEEE Trans. SMC 24(8), 1994.) All angles are zero
-when the upper arm hangs and the bent forearm points forward. The order of rotations is that of Klopčar, Tomšič and
+(Lenarčič and Umek, "Simple model of human arm reachable workspace", IEEE Trans. SMC 24(8), 1994). All angles are zero
+if the upper arm hangs down and the bent forearm points forwards. The order of rotations is that of Klopčar, Tomšič and
 Lenarčič, J. Biomechanics 40(1), 2007.
 
-The coefficients could not be compared with the printed paper. Two checks support them. At f = 90° the axes of a and r
-coincide, and the formulas bound r − a to −100…10 for every a. With the arm at the side they agree with clinical tables:
-flexion 180°, extension 60°, external rotation 60–90°, internal 70–90°. At 90° of abduction they allow only 20° of
-internal rotation; clinics measure 70°.
+The coefficients could not be compared with the printed paper. Two checks support them. First, at f = 90° the axes of a
+and r coincide, and the formulas limit r − a to −100…10 for every a. Second, with the arm at the side the formulas agree
+with clinical tables: flexion 180°, extension 60°, external rotation 60–90°, internal rotation 70–90°. At 90° of
+abduction the formulas allow only 20° of internal rotation; clinics measure 70°.
 
-The limits apply to these angles, not to the posture: the same posture with a turned by 180° may violate them.
+The limits apply to the angles, not to the posture. The same posture has a second set of angles, with a turned by 180°,
+which may violate the limits.
 """
 
 import numpy as np
@@ -34,7 +35,7 @@ _PER_DEGREE = 180.0 / np.pi
 
 
 def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
-    """Whether both shoulders of poses (..., 20) are within their limits; shape (...)."""
+    """Returns whether both shoulders of each pose (..., 20) are within their limits; boolean (...)."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
         _lies_in(abduction, ABDUCTION_RAD)
@@ -45,7 +46,7 @@ def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
 
 
 def clip(joint_angles_rad: FloatArray) -> FloatArray:
-    """Poses (..., 20) with both shoulders clipped to their limits.
+    """Returns poses (..., 20) with both shoulders clipped to their limits.
 
     Abduction is clipped first, then flexion given the abduction, then rotation given both. Other joints do not change.
     """
@@ -62,12 +63,12 @@ def clip(joint_angles_rad: FloatArray) -> FloatArray:
 
 
 def flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limit of shoulder flexion at an abduction, any shape."""
+    """Returns lower and upper limit of shoulder flexion for abductions of any shape."""
     return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
 def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limit of external rotation, also within the joint's own range; any shape."""
+    """Returns lower and upper limit of external rotation, restricted to the joint's range; any shape."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
     internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
@@ -78,7 +79,7 @@ def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tu
 
 
 def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Abduction, flexion and external rotation of the right and the left shoulder, each (..., 2).
+    """Returns abduction, flexion and external rotation, each (..., 2) for the right and the left shoulder.
 
     Rotation about y lifts the right arm outwards and the left arm inwards. Rotation about x moves both backwards.
     Rotation about z moves the right hand inwards and the left hand outwards.

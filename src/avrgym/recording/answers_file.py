@@ -1,4 +1,4 @@
-"""Answers after the end of a recording: a JSON Lines file next to the recording."""
+"""Answers that a participant gives after the end of a recording: a JSON Lines file next to the recording."""
 
 import os
 from datetime import UTC, datetime
@@ -21,12 +21,12 @@ class StoredAnswer(msgspec.Struct, frozen=True):
 
 
 def answers_path(recording: str | os.PathLike[str]) -> Path:
-    """Path of a recording's answers file; the file exists only if there were such answers."""
+    """Returns the path of a recording's answers file. The file exists only if there were later answers."""
     return Path(recording).with_suffix(SUFFIX)
 
 
 def append_answer(recording: Path, answer: Answer) -> None:
-    """Append an answer and sync it to disk. Raises ``OSError`` if the file cannot be written."""
+    """Append an answer to the file and sync the file to disk. Raises ``OSError`` if the file cannot be written."""
     at = datetime.now(UTC).isoformat(timespec="microseconds")
     stored = StoredAnswer(answer.item, answer.value, answer.response_time_s, at)
     with open(os.open(answers_path(recording), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
@@ -36,12 +36,12 @@ def append_answer(recording: Path, answer: Answer) -> None:
 
 
 def read_answers(recording: str | os.PathLike[str]) -> list[Answer]:
-    """All answers in order. An incomplete last line is ignored."""
+    """Returns all answers of the file in order. An incomplete last line is ignored."""
     return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
 
 
 def answer_timestamps(recording: str | os.PathLike[str]) -> dict[str, str]:
-    """Time stamp (ISO 8601, UTC) of the latest answer to each item."""
+    """Returns the time stamp (ISO 8601, UTC) of the latest answer to each item of the file."""
     return {each.item: each.answered_at for each in _lines(recording)}
 
 

@@ -1,4 +1,4 @@
-"""The configuration of a trial: the first record of its recording, from which replay recomputes the trial."""
+"""The configuration of a trial: the first record of its recording. Replay recomputes the trial from it."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ class BodyModel(msgspec.Struct, frozen=True):
 
 
 class Versions(msgspec.Struct, frozen=True):
-    """Software versions that affect the recorded numbers."""
+    """Software versions. The recorded numbers depend on them."""
 
     avrgym: str
     mujoco: str
@@ -142,7 +142,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def from_metadata(values: Mapping[str, Any]) -> Configuration:
-    """Read the configuration from a metadata record.
+    """Returns the configuration in a metadata record.
 
     Raises:
         ValueError: for missing or invalid fields, or for a newer format version.

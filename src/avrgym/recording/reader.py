@@ -1,4 +1,4 @@
-"""Read the recording of a trial, complete or truncated by a crash."""
+"""Read the recording of a trial. It may be complete, or truncated by a crash."""
 
 import os
 from collections.abc import Iterable
@@ -17,14 +17,14 @@ from avrgym.recording.configuration import Configuration, from_metadata
 from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
 CONFIGURATION, ORIGIN = "configuration", "origin"
-"""Metadata records at the beginning; ``origin`` contains date and time."""
+"""Names of the metadata records at the beginning. ``origin`` contains date and time."""
 OUTCOME, ROBOT_FINISHED = "outcome", "robot_finished"
-"""Metadata records at the end of the trial, and at the end of its last control step."""
+"""Names of the metadata records at the end of the trial, and at the end of its last control step."""
 _NO_RECORDING = "not a recording, or truncated before the end of its header"
 
 
 class RecordingError(Exception):
-    """The recording cannot be written completely, or the file is not a recording."""
+    """Raised if a recording cannot be written completely, or if a file is not a recording."""
 
 
 class Header(NamedTuple):
@@ -38,7 +38,7 @@ class Header(NamedTuple):
 class Recording:
     """Contents of a recording: its messages (topic, log_time_ns, record) in the order in which they were written.
 
-    ``complete``: the trial has an outcome, and no data are missing. ``began_at``: start of the trial, UTC.
+    ``complete``: whether the trial has an outcome and no data are missing. ``began_at``: start of the trial, UTC.
     ``robot_finished``: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
 
@@ -76,12 +76,12 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording up to its end or to the first damage.
+    """Read and return a recording, until its end or the first damage.
 
-    Later answers (see ``answers_file``) are appended at the time of the last message.
+    Answers in the answers file (see ``answers_file``) are appended, with the time of the last message.
 
     Raises:
-        RecordingError: without a valid header.
+        RecordingError: if the file has no valid header.
     """
     records, whole, _ = intact_records(path)
     header = _header(path, records)
@@ -101,7 +101,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def read_header(path: str | os.PathLike[str]) -> Header:
-    """Read configuration and start time. Raises ``RecordingError`` if the header is missing or invalid."""
+    """Returns configuration and start time. Raises ``RecordingError`` if the header is missing or invalid."""
     with open(path, "rb") as file:
         try:
             return _header(path, StreamReader(file, emit_chunks=True).records)
@@ -127,9 +127,9 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
 
 
 def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
-    """The records before the first damage, whether the file is undamaged, and the offset after the last data record.
-
-    Messages are in chunks with checksums. A message outside a chunk is therefore another, damaged record.
+    """Returns the records before the first damage, whether the file is undamaged, and the offset after the last intact
+    data record. All messages are in chunks with checksums. A message outside a chunk is therefore a damaged record of
+    another type.
     """
     records: list[mcap_records.McapRecord] = []
     end_of_data, ended = 0, False
@@ -172,9 +172,9 @@ def _outcome(values: dict[str, Any] | None) -> Outcome | None:
 def _messages(
     path: str | os.PathLike[str], records: list[mcap_records.McapRecord]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
-    """The messages before the first gap in the sequence numbers, and whether there is no gap.
+    """Returns the messages before the first gap in the sequence numbers, and whether there is no gap.
 
-    Messages with sequence number 0 are not numbered.
+    Sequence number 0 means that a message has no number.
     """
     names: dict[int, str] = {}
     messages: list[tuple[str, int, Any]] = []

@@ -1,7 +1,7 @@
 """Schema of a recording: the JSON records of each topic.
 
-JSON preserves every bit of finite numbers. Other numbers are the strings ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``.
-The module ``configuration`` contains the trial's configuration.
+JSON preserves every bit of finite numbers. Numbers that are not finite are the strings ``"NaN"``, ``"Infinity"`` and
+``"-Infinity"``. The module ``configuration`` defines the trial's configuration.
 """
 
 import math
@@ -13,7 +13,7 @@ from avrgym.questionnaires.questionnaire import MAX_POINTS
 from avrgym.system.type_guards import is_array, is_table
 
 MAX_LATENCY_FRAMES, MAX_LATENCY_MS = 256, 60_000
-"""Limits of one latency record: number of frames, and milliseconds."""
+"""Limits of one latency record: maximum number of frames, and maximum latency in milliseconds."""
 
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -229,7 +229,7 @@ _decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.v
 
 
 def encode(value: Any) -> bytes:
-    """Encode a record or another plain value as JSON."""
+    """Returns a record or another plain value as JSON."""
     data = _encoder.encode(value)
     if b"null" in data:
         data = _encoder.encode(_spell_out(msgspec.to_builtins(value)))
@@ -237,12 +237,12 @@ def encode(value: Any) -> bytes:
 
 
 def decode(topic: str, data: bytes) -> Any:
-    """Decode a record of ``topic``. Raises ``msgspec.DecodeError`` for invalid data."""
+    """Decode and return a record of ``topic``. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decoders[TOPICS[topic]].decode(data)
 
 
 def json_schema(topic: str) -> bytes:
-    """JSON Schema of a topic's records, without references, because MCAP viewers do not resolve references."""
+    """Returns the JSON Schema of a topic's records. It has no references, because MCAP viewers do not resolve them."""
     (reference,), definitions = msgspec.json.schema_components((TOPICS[topic],))
     return _encoder.encode(_resolve(reference, definitions))
 

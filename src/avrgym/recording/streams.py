@@ -1,8 +1,8 @@
-"""Sample times of other devices' streams: correction of clock resets, gaps and jitter.
+"""Sample times of other devices' streams: correction of clock resets; number of gaps; jitter.
 
-A device's clock can jump (clock reset). Times after a reset are corrected; corrected times never decrease. At a gap,
-both the samples and their arrivals are interrupted. At a reset, the delay from sample to arrival on the session's
-clock changes by the jump.
+The clock of a device can jump (clock reset). Times after a reset are corrected. Corrected times never decrease. Gaps
+and resets are distinguished by arrival times on the session's clock: at a gap, sample times and arrival times both
+pause. At a reset, the delay from sample to arrival changes by the jump.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,15 +19,15 @@ from avrgym.system.columns import Column
 GAP_INTERVALS = 5.0
 """A gap in a regular stream is longer than this number of sample intervals."""
 MAX_LEAD_S, MAX_STEP_BACK_S = 0.25, 0.05
-"""Smaller forward steps are gaps; smaller backward steps are jitter."""
+"""In seconds. A smaller forward step of the sample times is a gap, a smaller backward step is jitter."""
 MAX_DELAY_S = 60.0
 """Largest plausible delay from sample to arrival: the buffer length of Lab Streaming Layer."""
 MIN_SAMPLES = 10
-"""Minimum number of samples for jitter."""
+"""Minimum number of samples for the computation of jitter."""
 
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
 Chunks = Sequence[tuple[int, StreamSamples]]
-"""The samples of one stream with their arrival times, in nanoseconds on the session's clock."""
+"""Samples of one stream in chunks, each with its arrival time in nanoseconds on the session's clock."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``raised``: number of samples with a time that was raised to that of the previous sample, because of jitter.
+    ``raised``: number of times that were increased to the time of the previous sample, because jitter made them
+    smaller.
     """
 
     time_s: FloatArray
@@ -55,7 +56,7 @@ class SampleTimes:
 
 @dataclass(frozen=True)
 class _Segment:
-    """Samples ``first`` to ``end`` without a clock reset. ``delay_s``: smallest delay from sample to arrival."""
+    """Samples ``first`` to ``end`` − 1, without a clock reset. ``delay_s``: smallest delay from sample to arrival."""
 
     first: int
     end: int
@@ -63,7 +64,7 @@ class _Segment:
 
 
 def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
-    """Correct the sample times of a stream for clock resets.
+    """Returns the sample times of a stream, corrected for clock resets.
 
     Args:
         chunks: all samples of the stream in the order of arrival.
@@ -91,7 +92,7 @@ def _is_plausible(segment: _Segment) -> bool:
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
-    """Split the samples at clock resets."""
+    """Split the samples at clock resets. Returns the segments."""
     steps_s = np.diff(given)
     breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_STEP_BACK_S)) + 1
     ends = [*breaks.tolist(), len(given)]
@@ -109,7 +110,8 @@ def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_S
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
     """Whether a clock reset explains that the smallest delay changes from ``before_s`` to ``after_s``.
 
-    A late sample looks like a forward jump. For irregular samples, only a sample from the future proves a reset.
+    A late sample looks like a forward jump of the clock. For irregular samples, only a sample from the future (a
+    negative delay) proves a reset.
     """
     if step_s < -MAX_STEP_BACK_S:
         return True
@@ -117,16 +119,17 @@ def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) ->
 
 
 def _gap_s(rate_hz: float) -> float:
-    """The smallest time step that may be a forward jump, in seconds."""
+    """Returns the smallest step of sample times that may be a forward jump of the clock, in seconds."""
     return max(GAP_INTERVALS / rate_hz, MAX_LEAD_S) if rate_hz > 0.0 else MAX_LEAD_S
 
 
 def _clock_lead_s(
     segment: _Segment, given: FloatArray, corrected: FloatArray, normal_delay_s: float, rate_hz: float
 ) -> float:
-    """Clock offset of a segment in seconds; positive if the device's clock is ahead.
+    """Returns the clock offset of a segment in seconds; positive if the device's clock is ahead.
 
-    It is estimated from arrival times, or exactly from the sample rate if a regular stream continues.
+    The offset is exact, from the sample rate, if a regular stream continues without a gap. Otherwise it is estimated
+    from arrival times.
     """
     by_arrival_s = normal_delay_s - segment.delay_s
     if not segment.first:
@@ -160,23 +163,23 @@ class StreamQuality:
 
 
 def streams_by_name(topics: Topics) -> dict[str, Stream]:
-    """The streams of a recording by name."""
+    """Returns the streams of a recording by name."""
     return {each.stream: each for _, each in topics["/streams"]}
 
 
 def stream_chunks(topics: Topics, stream: str) -> Chunks:
-    """All samples of a stream, with their arrival times."""
+    """Returns all samples of a stream, with their arrival times."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
 
 def stream_sample_times(topics: Topics, stream: str) -> SampleTimes:
-    """Sample times of a stream, corrected for clock resets."""
+    """Returns the sample times of a stream in a recording, corrected for clock resets."""
     described = streams_by_name(topics).get(stream)
     return sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
 
 
 def stream_quality(topics: Topics) -> list[StreamQuality]:
-    """Timing quality of each stream in a recording, in alphabetical order."""
+    """Returns the timing quality of each stream in a recording, in alphabetical order."""
     return [
         _quality(stream, stream_chunks(topics, name), stream_sample_times(topics, name))
         for name, stream in sorted(streams_by_name(topics).items())
@@ -204,9 +207,9 @@ def _quality(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQualit
 
 
 def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
-    """Jitter and number of gaps.
+    """Returns jitter (seconds) and number of gaps; None if unknown.
 
-    Jitter is the standard deviation from a straight line through each segment without gaps.
+    Jitter is the standard deviation of sample times from a straight line, which is fitted to each segment without gaps.
     """
     if rate_hz <= 0.0 or len(times) < MIN_SAMPLES:
         return None, None

@@ -11,7 +11,7 @@ from avrgym.tasks.episodes import Episodes
 
 
 def recorded_world(configuration: Configuration, *, by_region: bool = False) -> Episodes:
-    """The world at the start of a recording. ``by_region``: see ``Episodes``.
+    """Returns the world of a recording in its initial state. ``by_region``: see ``Episodes``.
 
     Raises:
         ValueError: if the world cannot be created.
@@ -35,10 +35,11 @@ def recorded_world(configuration: Configuration, *, by_region: bool = False) -> 
 
 
 def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iterator[dict[str, np.ndarray]]:
-    """Camera images at the start of each control step, rendered from the recorded states without physics.
+    """Yields camera images at the start of each control step. They are rendered from the recorded states, without
+    physics.
 
     Raises:
-        ValueError: if the world cannot be created, or has states of another size.
+        ValueError: if the world cannot be created, or if the recorded states have a different size.
         RuntimeError: if rendering fails.
     """
     episodes = recorded_world(recording.configuration)

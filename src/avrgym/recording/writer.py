@@ -37,13 +37,13 @@ CLOSE_TIMEOUT_S = 10.0
 
 
 class RecordingWriter:
-    """Write one trial's recording in a separate thread; the caller never waits for the disk.
+    """Writes the recording of one trial in a separate thread. ``write`` never waits for the disk.
 
-    Data reach the file within half a second. ``error`` reports a disk failure within a second; the file is then never
-    marked as complete.
+    Data reach the file within half a second. ``error`` reports a disk failure within a second. After a failure the file
+    is never marked as complete.
 
     Args:
-        path: the new file. ``FileExistsError`` if it exists.
+        path: the new file. Raises ``FileExistsError`` if the file exists.
         configuration: all parameters of the trial.
     """
 
@@ -90,20 +90,20 @@ class RecordingWriter:
         self._queue.put(outcome)
 
     def wait_for_writes(self) -> None:
-        """Wait until the queue is short, for callers faster than real time.
+        """Wait until the queue is short. Callers that are faster than real time need this.
 
-        Returns immediately after a disk failure.
+        After a disk failure, it returns immediately.
         """
         while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:
-        """Write the queue and end the file. With an outcome, mark the file as complete.
+        """Write all queued records and close the file. If an outcome is given, mark the file as complete.
 
-        Closing a closed writer has no effect.
+        A second call has no effect.
 
         Raises:
-            RecordingError: if there is an outcome, but the file could not be completed.
+            RecordingError: if the disk accepts no data, or if an outcome is given and the file cannot be completed.
         """
         if self._disk.closed:
             return
@@ -186,7 +186,7 @@ class RecordingWriter:
 
 
 class _Disk:
-    """A new unbuffered file: a failed write is not repeated."""
+    """A new unbuffered file. Without a buffer, a failed write is not repeated later."""
 
     def __init__(self, path: Path):
         self._file = FileIO(path, "x", opener=private_opener)
@@ -201,7 +201,7 @@ class _Disk:
             rest = rest[self._file.write(rest) :]
 
     def flush(self) -> None:
-        """No effect, because the file is unbuffered."""
+        """Does nothing, because the file is unbuffered."""
 
     def tell(self) -> int:
         return self._file.tell()
@@ -220,7 +220,7 @@ class _Disk:
 def end_cut_recording(path: str | os.PathLike[str]) -> None:
     """Complete a recording that was truncated after the robot finished. Other recordings are not changed.
 
-    The new end replaces unreadable data. The file must have no open writer.
+    Unreadable data at the end are replaced. No writer of this file may be open.
     """
     recording = read_recording(path)
     if recording.complete or recording.robot_finished is None:

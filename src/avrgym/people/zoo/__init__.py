@@ -1,1 +1,2 @@
-"""The zoo: partner populations with behaviour styles, each with several amplitudes, delays and tempos."""
+"""The zoo: partner populations with several behaviour styles. Partners of a style differ in delay, amplitude and
+tempo."""

@@ -1,19 +1,18 @@
-"""Behaviour model of zoo partners: joint targets as a function of their observations, with human speeds.
+"""Behaviour model of zoo partners: it computes their joint targets from their observations.
 
-Posture follows the desired angles with limited speed and acceleration. Sway, chewing and tremor are added. Servos
+Joint targets follow the desired angles with limited speed and acceleration. Sway, chewing and tremor are added. Servos
 interpolate between the targets of control steps, see ``Simulation.command_person``.
 
 Limits of unhurried people:
 
-- head 1.2 rad/s and 8 rad/s²: below the 1.6 rad/s of walking or running; a quarter of the acceleration at the 3.2 Hz of
-  running (Grossman et al., Exp. Brain Res. 70:470, 1988);
-- arms 0.8 rad/s and 3.5 rad/s²: below the 1.2 rad/s of reaching for a glass at 0.66 m/s with an arm of 0.55 m (de los
-  Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010); the acceleration is that of this reach of 1.04 s with minimum
-  jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
-- waist 0.35 rad/s and 2 rad/s²: our assumption.
+- head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s. The acceleration is a quarter of that of
+running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988);
+- arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
+Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with minimum
+jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985); - waist 0.35 rad/s and 2 rad/s²: our assumption.
 
-A startled head turns with up to 3 rad/s and 30 rad/s²; vigorous turning reaches 13.6 rad/s at 2.6 Hz (Grossman et al.).
-Other joints of startled people are 2.5 times as fast as usual.
+Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
+(Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,21 +39,21 @@ from avrgym.people.cooperation import (
 from avrgym.people.zoo.partners import PARTNER_PARAMETERS, BehaviourParameters
 
 JointLimiter = Callable[[FloatArray], FloatArray]
-"""Clips joint angles (N, 20) to the ranges of these people."""
+"""Function that clips joint angles (N, 20) of N people to their joint ranges."""
 
 REMEMBERED_STEPS = 11
-"""Number of stored tool positions: the present one and those of the last second."""
+"""Number of stored tool positions: the current position and those of the last second."""
 SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
 ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
 STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
-"""Factors of speed and acceleration while people are startled."""
+"""Factors that multiply speed and acceleration while people are startled."""
 STARTLE_INTERVAL_S = 3.0
 """Minimum time between two startles."""
 NEVER_S = 1e6
 ONSET_S = 1.0
 """Time until sway, chewing and tremor reach their full amplitude."""
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
-"""Fractional parts of its multiples are equidistributed (Weyl). They serve as pseudo-random numbers."""
+"""The fractional parts of this number's multiples are equidistributed (Weyl). They serve as pseudo-random numbers."""
 
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
@@ -66,14 +65,14 @@ class PartnerState:
     """State of the behaviour model for N partners.
 
     Attributes:
-        partner: rows of ``PARTNER_PARAMETERS`` (N,).
-        uniforms: individual random numbers in 0..1 (N, 4).
+        partner: row of each partner in ``PARTNER_PARAMETERS`` (N,).
+        num_uniforms: random numbers of each person, 0 to 1 (N, 4).
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
         targets_rad: joint targets without sway, chewing and tremor (N, 20).
         speed_rad_s: speeds of the targets (N, 20).
-        time_s: time since the start (N,).
-        near_s: time since the tool came near; 0 if it is not near (N,).
+        time_s: time since the start of the episode (N,).
+        near_s: time since the tool came near; 0 if the tool is not near (N,).
         since_startle_s: time since the latest startle (N,).
         startle_count: number of startles (N,).
     """
@@ -91,8 +90,8 @@ class PartnerState:
 
 
 class _ToolPercept(NamedTuple):
-    """The perceived tool: whether it is perceived (N,), head angles towards it (N, 3), distance from the offered body
-    part (N,), and side, 1 for left and −1 for right (N,)."""
+    """The perceived tool: whether people perceive it (N,), the head angles that face it (N, 3), its distance from the
+    offered body part (N,), and its side, 1 for left and −1 for right (N,)."""
 
     aware: BoolArray
     facing_rad: FloatArray
@@ -101,7 +100,8 @@ class _ToolPercept(NamedTuple):
 
 
 def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> PartnerState:
-    """Initial state of partners (n,) with these bodies. ``uniforms`` (n, 4) vary partners with equal parameters."""
+    """Returns the initial state of n partners with the bodies of ``people``. ``uniforms`` (n, 4) are random numbers;
+    with them, partners with equal parameters differ."""
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
@@ -127,8 +127,8 @@ def step(
     posture: Posture,
     limit_joints: JointLimiter,
 ) -> PartnerState:
-    """Observe the tool and advance the joint targets by one control step. ``limit_joints`` clips them to the joint
-    ranges."""
+    """Returns the next state: the tool is observed, and the joint targets move for one control step. ``limit_joints``
+    clips the desired angles to the joint ranges."""
     parameters = PARTNER_PARAMETERS.of(state.partner, state.time_s)
     history = namespace(state.tool_history_w).concat(
         [observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1
@@ -140,7 +140,8 @@ def step(
 
 
 def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
-    """Move the targets (N, 20) of ``joints`` for one control step. ``action`` (N, K) is a share of the usual speed."""
+    """Returns targets (N, 20) with the K ``joints`` moved for one control step. ``action`` (N, K) is their speed
+    divided by ``SPEED_RAD_S``, clipped to ±1."""
     columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
     targets = float_copy(targets_rad)
     reach = constant_like(CONTROL_STEP_S * SPEED_RAD_S[columns], targets)
@@ -149,7 +150,7 @@ def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatA
 
 
 def oscillation_rad(state: PartnerState) -> FloatArray:
-    """Sway and chewing of the joints (N, 20); zero at the start."""
+    """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
     xp, parameters = namespace(state.targets_rad), PARTNER_PARAMETERS.of(state.partner, state.time_s)
     wave = xp.zeros_like(state.targets_rad)
     phase = 2.0 * np.pi * state.num_uniforms[:, :2].T
@@ -163,7 +164,7 @@ def oscillation_rad(state: PartnerState) -> FloatArray:
 
 
 def onset_share(state: PartnerState) -> FloatArray:
-    """Share (N,) of the full amplitude of chewing and tremor."""
+    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It grows from 0 to 1."""
     return namespace(state.time_s).minimum(state.time_s / ONSET_S, 1.0)
 
 
@@ -174,7 +175,7 @@ def _perceive_tool(
     offered: OfferedPart,
     posture: Posture,
 ) -> _ToolPercept:
-    """The tool one reaction delay ago, interpolated between two stored positions."""
+    """Returns the perceived tool: the tool one reaction delay ago, interpolated between two stored positions."""
     xp = namespace(state.time_s)
     back = parameters.reaction_s / CONTROL_STEP_S
     whole = xp.astype(back, xp.int64)
@@ -197,7 +198,7 @@ def _perceive_tool(
 def _update_startle(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
 ) -> PartnerState:
-    """Update how long the tool has been near, and whether it startles them."""
+    """Returns the state with updated times of nearness and startles."""
     xp = namespace(percept.gap_m)
     near = percept.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
     startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_m)
@@ -213,7 +214,7 @@ def _update_startle(
 def _desired_angles(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
 ) -> FloatArray:
-    """Desired joint angles (N, 20)."""
+    """Returns the desired joint angles (N, 20), before limits of range and speed."""
     desired = float_copy(state.rest_rad)
     xp, most, head = namespace(desired), constant_like(HEAD_TURN_RAD, desired), constant_like(_HEAD, desired)
     faced = xp.clip(parameters.facing_share[:, None] * percept.facing_rad, -most, most)
@@ -227,7 +228,7 @@ def _desired_angles(
 
 
 def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
-    """Occasional head turns: to a companion's side or to a random side."""
+    """Change ``desired`` by occasional head turns: to the side of a companion, or to a random side."""
     count, share = _periods(state, parameters.glance_every_s, 2)
     away = (parameters.glance_share > 0.0) & (share >= 1.0 - parameters.glance_share)
     side = 1.0 - 2.0 * (state.num_uniforms[:, 3] < 0.5)
@@ -237,7 +238,7 @@ def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParam
 
 
 def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
-    """Occasional posture shifts of the waist and, outwards, of the right arm."""
+    """Change ``desired`` by occasional posture shifts: the waist moves, and the right arm moves outwards."""
     count, _ = _periods(state, parameters.shift_every_s, 3)
     extent = RAD_PER_DEGREE * parameters.shift_deg
     for axis, joint in enumerate(_WAIST):
@@ -248,7 +249,7 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
 def _approach(
     desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedPart
 ) -> None:
-    """Lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
+    """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
     halves = xp.floor(state.near_s / xp.where(hesitates, parameters.pause_s, 1.0))
@@ -268,7 +269,7 @@ def _withdraw(
     percept: _ToolPercept,
     offered: OfferedPart,
 ) -> None:
-    """Bend to the other side and turn the face away, or withdraw the forearm."""
+    """Change ``desired``: bend away from the tool, and turn the face away or withdraw the forearm."""
     is_startled = (state.startle_count > 0.0) & (state.since_startle_s <= parameters.startle_s)
     extent_deg = parameters.away_deg * (state.near_s > 0.0)
     startle_deg = parameters.startle_deg * 0.5 ** (state.startle_count - 1.0)
@@ -283,20 +284,21 @@ def _withdraw(
 
 
 def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
-    """Number of completed periods (N,), and the elapsed share of the current period (N,)."""
+    """Returns the number of completed periods (N,), and the elapsed share of the current period (N,)."""
     rounds = state.time_s / every_s + state.num_uniforms[:, of]
     count = namespace(rounds).floor(rounds)
     return count, rounds - count
 
 
 def _uniform(first: FloatArray, count: FloatArray) -> FloatArray:
-    """Pseudo-random numbers (N,) in 0..1, one for each event number."""
+    """Returns pseudo-random numbers (N,) in 0..1 for the event numbers ``count`` (N,)."""
     value = first + GOLDEN_RATIO_FRACTION * count
     return value - namespace(value).floor(value)
 
 
 def _track(state: PartnerState, parameters: BehaviourParameters, desired: FloatArray) -> PartnerState:
-    """Move the targets towards the desired angles, at speeds from which they can still stop there."""
+    """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
+    there."""
     xp = namespace(desired)
     startled = (state.since_startle_s <= parameters.startle_s)[:, None]
     pace = parameters.speed_share[:, None]

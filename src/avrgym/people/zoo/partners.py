@@ -1,4 +1,4 @@
-"""Partners of the zoo: each style at every combination of levels of its axes.
+"""Partners of the zoo: for each style, one partner per combination of levels on its axes.
 
 A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``, the held-out population
 ``zoo/unseen``. On every axis the held-out values are between the training values; no value is in both populations.
@@ -23,18 +23,19 @@ LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
 }
-"""Levels on each axis of a style, from 0 (first values) to 1 (last values)."""
+"""Levels on each axis of a style, by zoo: 0 selects the first value of each range, 1 the last value."""
 
 
 @dataclass(frozen=True)
 class BehaviourParameters:
-    """Behaviour parameters of P partners, (P,) each. With the defaults a partner does nothing.
+    """Behaviour parameters of P partners, arrays (P,). With the default values a partner does not move.
 
     Attributes:
         reaction_s: reaction delay to the tool.
-        facing_share: share of the turn of the face to the tool.
-        approach_share: extent of leaning or lifting the arm to a near tool; 1 is that of ``people.cooperation``.
-        pause_s: waiting time before the approach, and half-way.
+        facing_share: share of the head turn that would face the tool completely.
+        approach_share: extent of the approach to a near tool (lean, or lift the arm), relative to
+            ``people.cooperation``.
+        pause_s: waiting time before the approach, and again half-way.
         away_deg: extent of withdrawal while the tool is near.
         startle_deg, startle_m, startle_s: extent of a startle, the tool distance that triggers it, and its duration.
         glance_deg, wander_deg: occasional head turns to one side, and to a random side.
@@ -42,9 +43,9 @@ class BehaviourParameters:
         chew_deg, chew_hz: head motion with the jaw.
         shift_deg, shift_every_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
-        speed_share: speed relative to the usual speed.
-        tremor_deg: tremor amplitude of the head; the arms have half of it.
-        strength_share, range_share: share of joint torques and ranges.
+        speed_share: speed and acceleration relative to ``partner_behaviour.SPEED_RAD_S`` and ``ACCELERATION_RAD_S2``.
+        tremor_deg: tremor amplitude of the head; that of the arms is half as large.
+        strength_share, range_share: joint torques and joint ranges, relative to the full ones.
     """
 
     reaction_s: FloatArray
@@ -71,7 +72,7 @@ class BehaviourParameters:
     range_share: FloatArray
 
     def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
-        """Parameters of the partners ``rows``, as arrays of the same library as ``numbers``."""
+        """Returns the parameters of the partners ``rows``, as arrays of the same library and device as ``numbers``."""
         return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
 
 
@@ -94,7 +95,7 @@ class Partner(NamedTuple):
 
 
 def _partners() -> tuple[Partner, ...]:
-    """Create all partners. Partners of the same zoo and style are adjacent."""
+    """Returns all partners. Partners of the same zoo and style are adjacent."""
     return tuple(
         Partner(zoo, name, chosen)
         for zoo, levels in LEVELS.items()
@@ -104,7 +105,7 @@ def _partners() -> tuple[Partner, ...]:
 
 
 def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
-    """Parameter values of a style at its levels."""
+    """Returns the parameter values of a style at levels on its axes."""
     return {
         trait: first + level * (last - first)
         for axis, level in zip(style.axes, levels, strict=True)
@@ -120,11 +121,12 @@ PARTNER_PARAMETERS = BehaviourParameters(
         for trait in PARAMETER_NAMES
     )
 )
-"""One row for each of ``PARTNERS``."""
+"""Parameters of all ``PARTNERS``, in the same order."""
 
 
 class PartnerSet:
-    """Partners to sample from. Styles are equally likely, then the partners of a style."""
+    """Partners to sample from: all partners of some styles of a zoo. A style is drawn first, then a partner of this
+    style."""
 
     def __init__(self, zoo: str, styles: Collection[str]) -> None:
         self.zoo, self.styles = zoo, tuple(styles)
@@ -139,7 +141,7 @@ class PartnerSet:
         return int(self._count.sum())
 
     def draw(self, uniforms: FloatArray) -> IntArray:
-        """Sample partners (n,) from uniform numbers (n, 2)."""
+        """Sample n partners from uniform numbers (n, 2). Returns their rows in ``PARTNER_PARAMETERS`` (n,)."""
         first, count = constant_like(self._first, uniforms), constant_like(self._count, uniforms)
         style = choose_index(uniforms[:, 0], len(self.styles))
         return first[style] + choose_index(uniforms[:, 1], count[style])
@@ -154,7 +156,7 @@ _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x
 
 
 def apply_partner_bodies(people: People, partners: IntArray) -> People:
-    """Give people the joint ranges, strength and tremor of partners (n,)."""
+    """Returns the people with the joint ranges, strength and tremor of the partners (n,)."""
     parameters = PARTNER_PARAMETERS.of(partners, people.torso_height_m)
     share = constant_like(_TREMOR_SHARE, people.torso_height_m)
     tremor_rad = (RAD_PER_DEGREE * parameters.tremor_deg)[:, None] * share

@@ -1,14 +1,14 @@
 """Behaviour styles of the zoo: description, parameter ranges and their sources.
 
-A style has up to three axes: delay, amplitude and tempo. Each axis changes some ``BehaviourParameters`` from a first to
-a last value. All other parameters keep their defaults.
+A style has at most three axes: delay, amplitude and tempo. Along an axis, some ``BehaviourParameters`` change from a
+first to a last value. All other parameters have their default values.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 Ranges = Mapping[str, tuple[float, float]]
-"""First and last value, by parameter name."""
+"""First and last value on an axis, by parameter name."""
 
 
 @dataclass(frozen=True)
