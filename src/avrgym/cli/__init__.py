@@ -1,4 +1,4 @@
-"""The command line interface; each file contains a group of commands."""
+"""The command line interface. Each file contains a group of commands."""
 
 from avrgym.cli.main import app
 

@@ -1,4 +1,4 @@
-"""Log the commands of a study, with the user account that runs them."""
+"""Log the commands that are run for a study, with the user account that runs them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -29,7 +29,7 @@ def log(
 
 @contextmanager
 def logged(store: "Store", begins: str, ends: str) -> Generator[None]:
-    """Context manager: add a log entry at the start and at the end of a long command."""
+    """Context manager: add the log entry ``begins`` at the start of a long command, and ``ends`` at its end."""
     from avrgym.study.storage.states import StudyError
 
     log(store, begins)

@@ -24,7 +24,7 @@ def analyze(
 ) -> None:
     """Analyse a study: report, tables, figures and results.
 
-    An earlier analysis in the folder is replaced.
+    The analysis replaces an earlier one in the same folder.
     """
     from avrgym.analysis.output import check_output_folder, write_analysis
     from avrgym.analysis.study import analyse

@@ -37,7 +37,7 @@ def bench_sim(
 ) -> None:
     """Measure the speed of whole episodes and of their physics alone.
 
-    Medians of five runs. Use an idle computer.
+    The results are medians of five runs. Use an idle computer.
     """
     from avrgym.envs.benchmark import RUNS, measure_simulation
 
@@ -65,7 +65,7 @@ def bench_vr(
 ) -> None:
     """Measure the live server's ticks and round trips.
 
-    Over loopback, with recording. Use an idle computer.
+    The connection is over loopback, and trials are recorded. Use an idle computer.
     """
     from avrgym.vr.benchmark.live_latency import measure_vr
 
@@ -80,7 +80,7 @@ def bench_vr(
 
 
 def _brief(row: Row) -> Row:
-    """The columns of ``bench vr`` that the terminal shows."""
+    """Returns the columns of ``bench vr`` that the terminal shows."""
     p99s = {
         f"{name}\np99, ms": row[key] and row[key]["p99"]
         for name, key in (
@@ -96,7 +96,7 @@ def _brief(row: Row) -> Row:
 
 
 def _stages(row: Row) -> list[Row]:
-    """The stages of the round trip as rows."""
+    """Returns a row for each stage of the round trip."""
     return [
         {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
         for name, spread in {**row["stages_ms"], "round_trip": row["round_trip_ms"]}.items()
@@ -110,9 +110,10 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> list[Row]:
-    """Measure a row for each environment, print the ``shown`` columns as a table, and write all columns.
+    """Measure a row for each environment. Print the ``shown`` columns as a table, write all columns, and return the
+    rows.
 
-    With ``every``, environments that fail are omitted with a message.
+    If ``every`` is true, environments that fail are omitted with a message.
     """
     check_json(json_file)
     rows: list[Row] = []

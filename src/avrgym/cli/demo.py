@@ -35,7 +35,7 @@ def demo(
 
 
 def _unused_folder(wanted: Path) -> Path:
-    """The first folder of wanted, wanted-2, wanted-3 … that does not exist or is empty."""
+    """Returns the first of the folders wanted, wanted-2, wanted-3 … that does not exist or is empty."""
     number, folder = 1, wanted
     while folder.exists() and any(folder.iterdir()):
         number += 1

@@ -10,8 +10,8 @@ from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, 
 def doctor(json_file: JsonFile = None) -> None:
     """Check this computer, and show how to fix each problem.
 
-    Checks installation, rendering, headset connection and real-time performance. The exit code is 1 if there is an
-    error; warnings do not change it.
+    It checks installation, rendering, headset connection and real-time performance. The exit code is 1 if there is an
+    error; warnings do not change the exit code.
     """
     from avrgym.doctor.checks import CHECKS, run_checks
     from avrgym.doctor.finding import Finding

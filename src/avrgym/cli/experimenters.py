@@ -15,7 +15,7 @@ Name = Annotated[str, typer.Argument(help="Name of the experimenter: at most 40 
 def add_experimenter(folder: Folder, name: Name) -> None:
     """Create a personal token for an experimenter.
 
-    The audit log then contains their name. The token is printed once; the study stores only its checksum.
+    The audit log then contains the experimenter's name. The token is printed once; the study stores only its checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
     from avrgym.study.storage.audit_log import ADD_EXPERIMENTER

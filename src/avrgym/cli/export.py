@@ -20,7 +20,7 @@ def export_policy(
 ) -> None:
     """Write a trained policy as an ONNX file.
 
-    The graph maps observations to mean actions. `--policy OUT.onnx` and any ONNX runtime can run it.
+    The file maps observations to mean actions. `--policy OUT.onnx` and any ONNX runtime can use it.
     """
     from avrgym.policies.onnx import write_onnx
     from avrgym.policies.registry import find

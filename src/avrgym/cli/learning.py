@@ -78,7 +78,7 @@ RECIPE_OF_OPTION = {
     "--alternate": PAIR,
     "--own-reward": PAIR,
 }
-"""Options that only one recipe accepts."""
+"""Options that only one recipe accepts, with this recipe."""
 NEW_TRAINING_OPTIONS = (
     "--config",
     "--num-envs",
@@ -295,7 +295,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
 def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
 ) -> "AnyConfiguration":
-    """The configuration of a new training. An option that is ``None`` has the recipe's default."""
+    """Returns the configuration of a new training. For an option that is ``None``, the recipe's default is used."""
     from avrgym.learning.configuration import (
         Pairing,
         RecurrentConfiguration,
@@ -334,7 +334,7 @@ def _configuration(
 
 
 def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
-    """The stored configuration of a training. Raises ``ValueError`` if environment or recipe differ."""
+    """Returns the stored configuration of a training. Raises ``ValueError`` if environment or recipe differ."""
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
         VisualConfiguration,
@@ -366,7 +366,7 @@ def _training() -> ModuleType:
 
 @contextmanager
 def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Generator[training.Report]":
-    """Context manager: a progress bar, and the function that updates it during training."""
+    """Context manager: show a progress bar. Yields the function that updates the bar during training."""
     from avrgym.learning.training import LOG_FOLDER
 
     log = folder / LOG_FOLDER
@@ -405,7 +405,7 @@ def fit_people(
 ) -> None:
     """Fit people to a study's participants.
 
-    For `train`, `evaluate` and `view --people FILE`.
+    Use the file with `--people FILE` in `train`, `evaluate` and `view`.
     """
     from avrgym.analysis.fit_people import fit_people, write_people
 
@@ -471,7 +471,7 @@ def evaluate(
 ) -> None:
     """Evaluate policies by reward, success and force.
 
-    One row for each environment, policy and population.
+    The table has a row for each environment, policy and population.
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix

@@ -42,7 +42,8 @@ def encrypt_names(
 ) -> None:
     """Encrypt the names with a new key or passphrase.
 
-    The unencrypted file is removed after the encrypted file was verified. Encrypted names get the new key.
+    The unencrypted file is removed after the encrypted file was verified. Names that are already encrypted are
+    encrypted with the new key.
     """
     from avrgym.study.people.identities import encrypt_names as encrypt
     from avrgym.study.storage.store import Store
@@ -60,7 +61,8 @@ def encrypt_names(
 
 
 def unlock(folder: Path) -> None:
-    """Ask for the passphrase of the identity file in a terminal, if it is needed and not in the environment."""
+    """Ask for the passphrase of the identity file in a terminal, if a passphrase is needed and the environment lacks
+    it."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -73,7 +75,7 @@ def unlock(folder: Path) -> None:
 
 
 def print_key(folder: Path) -> None:
-    """Print how the names are encrypted, and a warning: without the key, they are lost."""
+    """Print how the names are encrypted, and a warning that they are lost without the key."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -84,7 +86,8 @@ def print_key(folder: Path) -> None:
 
 
 def _new_passphrase(folder: Path) -> str:
-    """A new passphrase from the environment; from the terminal if the environment contains the current one."""
+    """Returns a new passphrase from the environment, or from the terminal if the environment has none or the current
+    one."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)

@@ -59,7 +59,7 @@ Cluster = Annotated[
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
-    """The named environments, or all environments.
+    """Returns the named environments, or all environments if ``every`` is true.
 
     Raises:
         ValueError: without a name, or for an unknown name; the message lists the allowed names.
@@ -77,7 +77,7 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
 
 @contextmanager
 def on_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
-    """Context manager: a connection to the Ray cluster at ``address``; ``None`` without an address.
+    """Context manager: yields a connection to the Ray cluster at ``address``, or ``None`` without an address.
 
     Raises:
         RuntimeError: if no cluster answers.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 REQUIRED_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
-"""Fields that every report must contain. A follow-up copies missing fields from the latest report."""
+"""Fields that every report must contain. A follow-up copies missing fields from the latest report of the event."""
 
 
 def record_adverse_event(
@@ -56,7 +56,7 @@ def record_adverse_event(
 ) -> None:
     """Record an adverse event, or a follow-up of one.
 
-    A follow-up is stored after the reports before it and replaces none; it states only what has changed.
+    A follow-up needs only the fields that have changed. Earlier reports are kept.
     """
     from avrgym.study.people import adverse_events
     from avrgym.study.storage.audit_log import account_actor
@@ -86,7 +86,7 @@ def record_adverse_event(
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
-    """The latest report's fields as defaults of a follow-up; for a new event, only the current time."""
+    """Returns default fields: those of the event's latest report for a follow-up; the current time for a new event."""
     from avrgym.study.people.adverse_events import group_by_event
     from avrgym.study.storage.schema import now
 
@@ -115,7 +115,8 @@ def adverse_events(
 ) -> None:
     """List adverse events and safety events.
 
-    Each adverse event with its latest follow-up; then stops, interventions and forces that sessions recorded.
+    The first table lists each adverse event with its latest follow-up. The second table lists stops, interventions and
+    forces that sessions recorded.
     """
     from avrgym.study.export.records import Extras, adverse_event_rows, write_adverse_events
     from avrgym.study.people.adverse_events import SOURCES, safety_events
@@ -159,9 +160,8 @@ def retention(
 ) -> None:
     """List data whose retention period has ended.
 
-    The periods are in [retention] of study.toml; --delete deletes what is due.
-
-    Run it daily by cron or systemd with --delete. Each deletion is logged.
+    The periods are in [retention] of study.toml. With --delete, data that are due are deleted, and each deletion is
+    logged. Run the command with --delete daily by cron or systemd.
     """
     from avrgym.study.people.retention import DATA_NAMES, delete_due, describe_due, schedule, today
     from avrgym.study.storage.store import Store
@@ -202,7 +202,7 @@ def participant_data(
 ) -> None:
     """Write all data of one participant to an archive.
 
-    It is for the participant who asks for their data, with an index, recordings, notes and name.
+    The archive is for a participant who requests their data. It contains an index, recordings, notes and the name.
     """
     from avrgym.study.export.participant_archive import write_participant_data
     from avrgym.study.storage.identity_file import named_pseudonyms
@@ -224,9 +224,8 @@ def participant_data(
 def data_protection(folder: Folder) -> None:
     """Draft data protection documents.
 
-    An impact assessment and a record of processing.
-
-    They are filled in from the design (GDPR, Articles 35 and 30); what you have filled in is never overwritten.
+    The documents are an impact assessment and a record of processing (GDPR, Articles 35 and 30). Known entries are
+    filled in from the design. Your own entries are never overwritten.
     """
     from avrgym.study.plan.data_protection import write_data_protection
     from avrgym.study.storage.store import Store
@@ -239,7 +238,7 @@ def data_protection(folder: Folder) -> None:
 def functioning(folder: Folder, participant: Pseudonym) -> None:
     """Ask about functioning, devices and diagnosis.
 
-    The design must ask for it. Each question may be declined; answers replace earlier ones.
+    The study's design must enable these questions. Each question may be declined. New answers replace earlier answers.
     """
     from avrgym.study.design.functioning import (
         DEVICES,

@@ -1,4 +1,4 @@
-"""Commands of ``avrgym study`` about the plan, and its deviations."""
+"""Commands of ``avrgym study`` about the plan and deviations from the plan."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -61,7 +61,8 @@ def freeze(
 ) -> None:
     """Freeze the plan before the first participant.
 
-    Without a plan.toml it writes a template. A frozen plan of another station is adopted.
+    If there is no plan.toml, the command writes a template. If another station has frozen the plan, that plan is
+    adopted.
     """
     from avrgym.analysis.plan import available_tests
     from avrgym.study.plan.frozen_plan import FROZEN, adopt_plan, may_adopt
@@ -91,7 +92,7 @@ def freeze(
 
 
 def _print_deposit(record: Path) -> None:
-    """Print instructions to prove the date of the plan."""
+    """Print instructions for a proof of the plan's date."""
     from avrgym.study.plan.frozen_plan import sha256
 
     print_line(f"SHA-256   {sha256(record.read_bytes())}")
@@ -167,7 +168,7 @@ def power(
 ) -> None:
     """Simulate the power of the study's tests.
 
-    It varies the number of participants and the effect.
+    It simulates several numbers of participants and several effects.
     """
     from avrgym.analysis.power.power import default_participant_numbers, simulate_power
     from avrgym.analysis.power.simulated_studies import Assumptions
@@ -203,7 +204,7 @@ def power(
 def frozen_at_and_deviations(
     store: "Store", left_out: "Sequence[ExcludedTrial]" = ()
 ) -> "tuple[str | None, list[Finding]]":
-    """Time at which the plan was frozen (``None`` without a plan), and the deviations from it."""
+    """Returns the time at which the plan was frozen (``None`` without a plan), and the deviations from the plan."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
     frozen = read_frozen_plan(store)
@@ -218,7 +219,7 @@ def frozen_at_and_deviations(
 
 
 def checked(store: "Store") -> "list[Finding]":
-    """All findings of a check and all deviations from the plan, without duplicates."""
+    """Returns all findings of a check and all deviations from the plan, without duplicates."""
     from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.finding import ExcludedTrial
 

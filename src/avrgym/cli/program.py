@@ -17,7 +17,8 @@ STOP_SIGNALS = tuple(
 _INTERRUPTED = 130
 """Typer's exit code after a ``KeyboardInterrupt``."""
 MAX_SIGNALS = 3
-"""The first signal ends the program with clean-up. The second is ignored. The third ends it immediately."""
+"""The first signal ends the program with clean-up. The second signal is ignored. The third ends the program
+immediately."""
 EXTRAS = {
     "study": "study",
     "analyze": "study",
@@ -25,11 +26,11 @@ EXTRAS = {
     "demo": "study",
     "sweep": "train,cluster",
 }
-"""The extra of a command. It is suggested if several extras contain the missing package."""
+"""Extras by command. They are suggested if one of them contains the missing package."""
 
 
 class Signals:
-    """The received signals. Signals that were ignored at the start (``nohup``) stay ignored."""
+    """The received signals. Signals that were ignored at the start (``nohup``) are still ignored."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -54,7 +55,7 @@ class Signals:
 
 
 class Commands(TyperGroup):
-    """A group of commands. If a package is missing, it prints the command that installs it."""
+    """A group of commands. If a package is missing, the command that installs the package is printed."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Raises ``typer.Exit`` if a package is missing."""
@@ -72,7 +73,7 @@ class Program(typer.Typer):
     """A command line program. A signal ends it with exit code 128 plus the signal's number."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command and raise ``SystemExit`` at its end."""
+        """Run the command. Raises ``SystemExit`` at the end."""
         signals = Signals()
         try:
             signals.listen()
@@ -86,7 +87,7 @@ class Program(typer.Typer):
 
 
 def _is_broken_off(end: BaseException) -> bool:
-    """Whether an interruption ended the command."""
+    """Whether an interruption (Ctrl+C or a signal) ended the command."""
     return (
         isinstance(end, KeyboardInterrupt)
         or isinstance(end.__context__, typer.Abort)
@@ -95,7 +96,7 @@ def _is_broken_off(end: BaseException) -> bool:
 
 
 def _notes(end: BaseException) -> list[str]:
-    """Notes about an interruption: which results are stored, and how to continue."""
+    """Returns the notes of an interruption: which results are stored, and how to continue."""
     error: BaseException | None = end
     while error is not None:
         if isinstance(error, KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Show the progress of long work: a bar on a terminal, lines in a file."""
+"""Show the progress of long work: a bar on a terminal, lines of text in a file."""
 
 import time
 from collections import deque
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINE_INTERVAL_S = 10.0
-"""Time between two lines in a file."""
+"""Minimum time between two lines of text in a file."""
 SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
 """Time between samples of the rate, and the time window of its average."""
 NOTHING_WRITTEN = "nothing was written; run the same command again"
@@ -21,13 +21,13 @@ Clock = Callable[[], float]
 
 
 class Rate:
-    """Rate of work, from samples of the completed amount."""
+    """Rate of work, computed from samples of the completed amount."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add(self, now_s: float, done: float) -> None:
-        """Add a sample. The first sample is the reference."""
+        """Add a sample: the completed amount ``done`` at time ``now_s``."""
         if len(self._samples) > 1 and now_s - self._samples[-2][0] < SAMPLE_INTERVAL_S:
             self._samples.pop()
         self._samples.append((now_s, done))
@@ -36,13 +36,13 @@ class Rate:
 
     @property
     def per_s(self) -> float:
-        """Amount per second; 0 until two samples exist."""
+        """Amount per second; 0 with only one sample."""
         (first_s, first), (last_s, last) = self._samples[0], self._samples[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 
 
 class Bar:
-    """The progress of long work."""
+    """The progress of long work, shown as a bar or as lines."""
 
     def __init__(self, progress: "Progress", label: str, total: float | None, unit: str) -> None:
         self._progress, self._label, self._unit = progress, printable(label), unit
@@ -58,7 +58,7 @@ class Bar:
         self.show(self._task.completed + by)
 
     def show(self, done: float, total: float | None = None, label: str | None = None) -> None:
-        """Set the completed amount and, if given, total and label."""
+        """Set the completed amount, and also total and label if they are given."""
         now_s = self._progress.get_time()
         self._rate.add(now_s, done)
         description = None if label is None else printable(label)
@@ -69,7 +69,7 @@ class Bar:
             print_line(self._line())
 
     def end(self) -> None:
-        """Print the duration, if lines were printed."""
+        """Print the duration if lines were printed before."""
         if self._line_s > self._started_s:
             print_line(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
 
@@ -97,11 +97,11 @@ def progress_bar(
     stopped: str = NOTHING_WRITTEN,
     clock: Clock = time.monotonic,
 ) -> Generator[Bar]:
-    """Context manager: show the progress of long work.
+    """Context manager: show the progress of long work. Yields the bar.
 
     Args:
         label: name of the work.
-        total: amount of work; without it, the bar has no end.
+        total: amount of work; ``None`` if it is unknown.
         unit: unit of the amount, such as ``steps``.
         stopped: message after an interruption: which results are stored, and how to continue.
         clock: a function that returns the time in seconds.
@@ -133,7 +133,7 @@ def progress_bar(
 
 
 def duration(seconds: float) -> str:
-    """A duration as text, such as ``40 s``, ``12 min`` or ``3 h 20 min``."""
+    """Returns a duration as text, such as ``40 s``, ``12 min`` or ``3 h 20 min``."""
     minutes = round(seconds / 60)
     if seconds < 100:
         return f"{seconds:.0f} s"

@@ -69,7 +69,8 @@ def replay(
 ) -> None:
     """Replay a recorded trial.
 
-    Without options, a browser shows it. Options verify it, show forces, or write a page, a video or pictures.
+    Without options, the command serves a page that shows the trial in a browser. Options verify the recording, show
+    forces, or write a page, a video or pictures.
     """
     with plain_errors():
         if (frames is None) != (out is None):
@@ -130,7 +131,7 @@ def _read(file: Path) -> "Recording":
 
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
-    """Context manager: a progress bar over the recorded states, and the function that advances it."""
+    """Context manager: show a progress bar of the recorded states. Yields the function that advances the bar."""
     with progress_bar(words, len(recording.topics["/physics"]), "states") as bar:
         yield bar.advance
 
@@ -152,7 +153,7 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
 
 
 def _print_differences(found: "Verification") -> None:
-    """Print the differences.
+    """Print the differences between the recording and the recomputed trial.
 
     Raises:
         ReplayError: if neither rounding nor changed plug-ins or versions explain the differences.

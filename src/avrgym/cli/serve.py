@@ -121,8 +121,9 @@ def serve(
 ) -> None:
     """Serve one participant's session to a headset.
 
-    For each environment there is practice, then trials with questions. For a study's folder the server also has the
-    experimenter's dashboard, which starts the sessions; --participant starts one immediately.
+    For each environment the session has a practice trial, then trials with questions. For the folder of a study, the
+    server also has the experimenter's dashboard, where sessions are started. --participant starts a session
+    immediately.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -202,7 +203,8 @@ def _serve_study(
     *,
     check: bool,
 ) -> None:
-    """Serve a study's dashboard and its sessions. With ``participant``, start their session immediately."""
+    """Serve the dashboard and the sessions of a study. If ``participant`` is given, start this participant's
+    session."""
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
@@ -259,7 +261,7 @@ def _record(log: "LiveLog", sessions: "StudySessions", caller: "Caller", message
 
 
 def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":
-    """Context manager: the requested streams; ``None`` without any."""
+    """Context manager: yields the requested streams, or ``None`` if no stream is requested."""
     if not choice.send and not choice.receive:
         return nullcontext()
     try:
@@ -290,7 +292,7 @@ def _free_session(
     allow_other_settings: bool,
     trial_steps: int,
 ) -> "Callable[[Send], Session]":
-    """A function that starts a session without a study."""
+    """Returns a function that starts a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
     from avrgym.tasks.settings import parse_settings
     from avrgym.texts.interface_texts import read_texts
@@ -339,7 +341,7 @@ def _tell_check(happened: "SessionEvent") -> None:
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
-    """Print the addresses to open; ``participants``: the addresses of the participant's page."""
+    """Print the addresses of all pages. ``participants`` contains the addresses of the participant's page."""
     own, *in_network = participants
     print_line("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
     print_line(f"    {own}")
@@ -383,8 +385,8 @@ def view(
 ) -> None:
     """Show episodes of an environment in a browser.
 
-    The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` it
-    drives the robot.
+    The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` you drive the
+    robot on this page.
     """
     from avrgym.tasks.settings import parse_settings
     from avrgym.vr.server.environment_viewer import EnvironmentViewer

@@ -1,4 +1,4 @@
-"""The command ``avrgym study merge``, and the number of participants by order and site."""
+"""The command ``avrgym study merge``, and the output of participant numbers by site and order."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -42,7 +42,7 @@ def merge(
 ) -> None:
     """Merge the studies of several sites into one.
 
-    A repeated merge adds new data of the sites. Names stay at the sites.
+    A repeated merge adds new data of the sites. Names of participants remain at the sites.
     """
     from avrgym.study.merge.merging import merge_studies
     from avrgym.study.storage.store import Store
@@ -70,6 +70,6 @@ def merge(
 
 
 def print_sites(summary: "StudySummary") -> None:
-    """Print for each site how many participants have each order."""
+    """Print the number of participants in each order, by site."""
     for site, filled in summary.filled_by_site.items():
         print_line(f"at {site}  {', '.join(map(str, filled))}")

@@ -47,7 +47,7 @@ Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 def new(folder: Folder) -> None:
     """Write the paper's protocol to study.toml.
 
-    Edit the file before the first participant; its comments explain each field.
+    Edit the file before the first participant is enrolled. Its comments explain each field.
     """
     from avrgym.study.storage.store import create_study
 
@@ -76,7 +76,7 @@ app.command()(revoke_experimenter)
 def status(folder: Folder, json_file: JsonFile = None) -> None:
     """Show the progress of a study.
 
-    Lists participants, their trials, the filled orders, and deviations from the plan.
+    It lists participants, their trials, the number of participants in each order, and deviations from the plan.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.storage.store import Store
@@ -105,7 +105,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
-    """A row of the table. It contains the number of the order, from 1, instead of the index."""
+    """Returns a participant's row of the table. Orders are numbered from 1."""
     row = {{"cell": "order"}.get(name, name): value for name, value in asdict(participant).items()}
     return row | {"order": None if participant.cell is None else participant.cell + 1}
 
@@ -128,7 +128,7 @@ def enrol(
 ) -> None:
     """Enrol a participant under a new pseudonym.
 
-    A person with the name or contact of another participant is refused, because each person takes part once.
+    Each person takes part once. The command therefore rejects a name or contact that another participant has.
     """
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage import identity_file
@@ -160,8 +160,8 @@ def enrol(
 def consent(folder: Folder, participant: Pseudonym) -> None:
     """Ask a participant for consent.
 
-    Inclusion questions follow. A participant who can take part is allocated to an order. After a new version of the
-    text, participants re-consent.
+    Then the inclusion questions are asked. A participant who meets the criteria is allocated to an order. After a new
+    version of the consent text, participants must consent again.
     """
     from avrgym.study.storage.store import Store
 
@@ -188,7 +188,7 @@ def _ask_for_consent(store: "Store", person: "Participant") -> None:
 
 
 def _ask_again(store: "Store", person: "Participant") -> bool:
-    """Ask for re-consent to a new version of the text. Returns whether the participant still takes part."""
+    """Ask for consent to a new version of the text. Returns whether the participant still takes part."""
     from avrgym.study.people.participants import decline_consent, record_consent
 
     print_line(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
@@ -252,7 +252,7 @@ def confirm_participation(
 ) -> None:
     """Confirm the consent of a participant after a rebuild.
 
-    It is for participants with an unknown state: they consented and did not withdraw.
+    After a rebuild, the state of some participants is unknown. Confirm those who consented and did not withdraw.
     """
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
@@ -277,7 +277,7 @@ def simulate(
 ) -> None:
     """Let simulated participants complete the study.
 
-    It runs in simulated time, and continues an earlier run.
+    The study runs in simulated time. A repeated command continues an earlier run.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study
@@ -309,7 +309,7 @@ def check(
 ) -> None:
     """Check that a study can run and its data are complete.
 
-    Loads all policies, and checks that stored data are complete and unchanged.
+    The command loads all policies, and checks that stored data are complete and unchanged.
     """
     from avrgym.study.checking.database_checks import fix_permissions as fix
     from avrgym.study.storage.store import Store
@@ -336,7 +336,7 @@ def check(
 def rebuild(folder: Folder) -> None:
     """Rebuild a lost database from the recordings.
 
-    It also uses the participation list. The command lists data that cannot be rebuilt. Names and recordings are not
+    The command also uses the participation list. It lists data that cannot be rebuilt. Names and recordings are not
     changed.
     """
     from avrgym.study.checking.rebuilding import rebuild_study
@@ -428,7 +428,8 @@ def delete_participant(
 ) -> None:
     """Delete all data of a participant.
 
-    Deletes recordings, rows, name, backups of the database, and the study's analysis.
+    The command deletes the participant's recordings, database rows and name. It also deletes all backups of the
+    database, and the study's analysis.
     """
     from avrgym.study.people.deletion import delete_participant as delete
     from avrgym.study.storage.store import Store

@@ -30,7 +30,7 @@ def sweep(
 ) -> None:
     """Run many trainings on a Ray cluster.
 
-    Trains every combination of seeds, recipes, people and environments; early stopping is optional. Needs
+    Every combination of seeds, recipes, people and environments is trained. Early stopping is optional. Needs
     `avrgym[train,cluster]`.
     """
     with plain_errors():

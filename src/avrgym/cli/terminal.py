@@ -1,6 +1,6 @@
 """Print errors, metrics and tables of all commands.
 
-Text is printed as it is. Brackets in a title or path are not markup of rich, and control characters are escaped.
+Text is printed without markup: brackets in a title or path have no special meaning. Control characters are escaped.
 """
 
 import json
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
 UNKNOWN = "–"
-"""Table cell without a value."""
+"""Text of a table cell without a value."""
 
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
@@ -47,7 +47,7 @@ def plain_errors() -> Generator[None]:
 
 
 def _error_text(error: Exception) -> str:
-    """The message of an error. For a system error: the file and the reason, without the error number."""
+    """Returns the message of an error. For a system error: the file and the reason, without the error number."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     reason = error.strerror[:1].lower() + error.strerror[1:]
@@ -55,9 +55,9 @@ def _error_text(error: Exception) -> str:
 
 
 def check_json(path: Path | None) -> None:
-    """Raise ``ValueError`` if the file cannot be written; called before long work.
+    """Raise ``ValueError`` if the JSON file cannot be written. Commands call this before long work.
 
-    The path must be a new or a regular file.
+    The path must be that of a new file or of a regular file.
     """
     if path is None:
         return
@@ -77,9 +77,9 @@ def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]
 
 
 def printable(text: str, encoding: str | None = None) -> str:
-    """The text with escaped control characters, except line breaks and tabs.
+    """Returns the text with escaped control characters, except line breaks and tabs.
 
-    Characters outside the terminal's encoding are escaped too.
+    Characters that the encoding lacks are escaped too.
     """
     known = encoding or sys.stdout.encoding or "utf-8"
     return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
@@ -91,7 +91,7 @@ def print_line(text: str) -> None:
 
 
 def print_skipped(what: str, error: Exception) -> None:
-    """Print one line on stderr: the thing that a command skips, and the reason."""
+    """Print one line on stderr: ``what`` the command skips, and the reason."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
@@ -105,7 +105,7 @@ def warn(text: str) -> None:
 
 
 def console(width: int | None = None) -> "Console":
-    """A rich console. It writes no control characters into files."""
+    """Returns a console of the package rich. It writes no control characters into files."""
     from rich.console import Console
 
     is_terminal = sys.stdout.isatty()
@@ -113,7 +113,7 @@ def console(width: int | None = None) -> "Console":
 
 
 def confirm(question: str) -> bool:
-    """Ask a yes-no question."""
+    """Ask a yes-no question. Returns whether the answer is yes."""
     return typer.confirm(printable(question))
 
 
@@ -129,7 +129,8 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 
 def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
-    """Print the contact forces by body region for each name, if there were any; see ``RegionStatistics``."""
+    """Print a table of contact forces by name and body region, see ``RegionStatistics``. Regions without contact are
+    omitted."""
     rows = [
         {"of": name, "region": region, **figures}
         for name, regions in forces.items()

@@ -18,7 +18,7 @@ UFW = Path("/etc/ufw/ufw.conf")
 
 
 def check_browser() -> Finding:
-    """Check that Playwright and Chromium are installed, for `avrgym demo`."""
+    """Check that Playwright and Chromium are installed; `avrgym demo` needs them for pictures."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -99,7 +99,7 @@ def _succeeds(*command: str) -> bool:
 
 
 def check_certificate(expected: Certificate) -> Finding:
-    """Check that the certificate of --lan is valid and its key private."""
+    """Check that the certificate of --lan is valid, and that other users cannot read its key."""
     if not expected.certificate_file.exists():
         return ok(f"none yet; --lan creates one in {expected.certificate_file.parent}")
     if any(exposed_paths(expected.key_file)):

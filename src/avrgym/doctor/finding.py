@@ -10,7 +10,7 @@ State = Literal["ok", "warning", "error"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check: a message, and instructions to fix the problem (empty without a problem)."""
+    """Result of a check: state, message, and instructions to fix the problem (empty if there is none)."""
 
     state: State
     message: str
@@ -26,15 +26,15 @@ class Check:
 
 
 def ok(message: str) -> Finding:
-    """A finding without a problem."""
+    """Returns a finding without a problem."""
     return Finding("ok", message)
 
 
 def warning(message: str, fix: str) -> Finding:
-    """A finding that a part of AVR Gym is limited."""
+    """Returns a finding that a part of AVR Gym is limited."""
     return Finding("warning", message, fix)
 
 
 def error(message: str, fix: str) -> Finding:
-    """A finding that a part of AVR Gym does not work."""
+    """Returns a finding that a part of AVR Gym does not work."""
     return Finding("error", message, fix)

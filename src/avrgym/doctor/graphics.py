@@ -19,7 +19,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 
 
 def check_graphics_card() -> Finding:
-    """Find the graphics card, and check that its driver responds."""
+    """Find the graphics card, and check that the driver of an NVIDIA card responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)

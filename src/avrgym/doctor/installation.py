@@ -13,7 +13,7 @@ from avrgym.system.extras import DEVELOPER_EXTRAS
 from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, PAGES, ServerError, check_page
 
 SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
-"""Packages with printed versions, for bug reports."""
+"""Packages of which the check prints the version, for bug reports."""
 
 
 def check_python(installed: str, requirement: str | None = None) -> Finding:
@@ -39,7 +39,7 @@ def check_packages(requirements: Sequence[Requirement]) -> Finding:
 
 
 def requirements_of(extra: str = "") -> list[Requirement]:
-    """Requirements of the installed ``avrgym`` package, or of one of its extras. Nested extras are resolved."""
+    """Returns requirements of the installed ``avrgym`` package, or of one of its extras. Nested extras are resolved."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
     included = (
@@ -53,7 +53,7 @@ def requirements_of(extra: str = "") -> list[Requirement]:
 
 
 def user_extras() -> list[str]:
-    """The extras of the installed ``avrgym`` package, without those for developers."""
+    """Returns the extras of the installed ``avrgym`` package, without the extras for developers."""
     return [
         each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in DEVELOPER_EXTRAS
     ]
@@ -64,7 +64,7 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """List the installed extras. ``requirements``: each extra's requirements. A conflicting version is a warning."""
+    """List the installed extras, given the requirements of each extra. A conflicting package version is a warning."""
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
@@ -97,7 +97,8 @@ def check_plugins() -> Finding:
 
 
 def _conflicting_version(requirement: Requirement) -> str | None:
-    """The installed version if it conflicts; "" if the package is missing; ``None`` without a conflict."""
+    """Returns the installed version if it conflicts with the requirement, "" if the package is missing, else
+    ``None``."""
     try:
         found = version(requirement.name)
     except PackageNotFoundError:

@@ -20,9 +20,9 @@ from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 
 SLEEP_COUNT = 20
 OVERSLEEP_SHARE = 0.2
-"""Maximum excess of a sleep over one tick, as a share of the tick (median)."""
+"""Maximum allowed oversleep as a share of a tick, see ``oversleep_s``."""
 BYTES_PER_TRIAL = 1_000_000
-"""Size of the recording of a trial of 20 s: 0.8 to 1.0 MB in ``tests/data/recordings-of-0.1.0``."""
+"""Size of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
 FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
 
@@ -52,7 +52,7 @@ def check_real_time_priority() -> Finding:
 
 
 def _user() -> str:
-    """Name of the current user, or the user id without a name (in some containers)."""
+    """Returns the name of the current user, or the user id if there is no name (in some containers)."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):
@@ -60,7 +60,7 @@ def _user() -> str:
 
 
 def oversleep_s() -> float:
-    """Median excess duration of a sleep of one tick, in seconds."""
+    """Measures how much longer than one tick a sleep of one tick lasts. Returns the median in seconds."""
     excesses_s: list[float] = []
     for _ in range(SLEEP_COUNT):
         began = time.monotonic()
@@ -70,7 +70,7 @@ def oversleep_s() -> float:
 
 
 def check_timer(excess_s: float) -> Finding:
-    """Check that the excess duration of sleeps allows ticks of 10 ms."""
+    """Check that sleeps are precise enough for ticks of 10 ms. ``excess_s`` is from ``oversleep_s``."""
     text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
     if excess_s <= OVERSLEEP_SHARE * TICK_S:
         return ok(text)
@@ -133,5 +133,5 @@ def check_free_bytes(free_bytes: int) -> Finding:
 
 
 def _existing_parent(folder: Path) -> Path:
-    """The folder, or its first existing parent."""
+    """Returns the folder if it exists, else its nearest existing parent."""
     return next(each for each in (folder, *folder.absolute().parents) if os.path.isdir(each))

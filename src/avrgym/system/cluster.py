@@ -1,8 +1,7 @@
 """Run function calls on the computers of a Ray cluster. Requires the extra ``cluster``.
 
-A worker is a process on any node; it runs one call after the other. If a worker or node dies, another worker repeats
-the call. Calls must therefore be idempotent: they depend only on their arguments, or continue their own unfinished
-work.
+A worker is a process on any node. It runs one call after another. If a worker or node dies, another worker repeats the
+call. A repeated call must give the same result: it depends only on its arguments, or continues its own unfinished work.
 """
 
 import importlib.metadata
@@ -38,14 +37,14 @@ COMPARED_PACKAGES = ("avrgym", "mujoco", "numpy")
 
 
 class _Worker:
-    """A process on a node of the cluster. It runs one call after the other."""
+    """A process on a node of the cluster. It runs one call after another."""
 
     def start(self, variables: Mapping[str, str]) -> dict[str, str]:
         os.environ.update(variables)
         return _versions()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int]:
-        """Returns the result of a function, and the sum of its progress reports."""
+        """Call a function. Returns its result, and the sum of its progress reports."""
         with jobs.counting() as reported:
             result = function(*arguments)
         return result, reported()
@@ -65,7 +64,7 @@ class Cluster:
     def __init__(self, address: str, max_jobs: int | None) -> None:
         self.address = address
         self.max_jobs = max_jobs
-        """The requested number of workers, if any."""
+        """Requested number of workers; ``None`` for one per core."""
         self._idle: list[Any] = []
         self._starting: dict[Any, _Running] = {}
         self._bytes = PROCESS_BYTES
@@ -75,7 +74,7 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Number of calls that run at the same time: the requested number, or the number of cores of the cluster."""
+        """Maximum number of parallel calls: the requested number, or the number of cores of the cluster."""
         return self.max_jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
 
     def several_computers(self) -> bool:
@@ -108,12 +107,12 @@ class Cluster:
     ) -> list[Result]:
         """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
 
-        An object that is in several tuples is sent to each node only once.
+        An object that several tuples contain is sent to each node only once.
 
         Args:
             function: a function that workers can import from its module.
             arguments: one tuple for each call.
-            progress: called repeatedly with the sum of progress reports of finished calls.
+            progress: called repeatedly with the sum of the progress reports of all finished calls.
 
         Raises:
             RuntimeError: if no worker starts, or if the workers of a call die repeatedly.
@@ -151,7 +150,8 @@ class Cluster:
                 )
 
     def _start_workers(self, wanted: int, busy: int) -> None:
-        """Start workers for waiting calls."""
+        """Start workers until there are ``wanted`` workers, or ``count`` if that is smaller. ``busy`` workers run a
+        call."""
         present = busy + len(self._idle) + len(self._starting)
         for _ in range(min(wanted, self.count) - present):
             worker = ray.remote(_Worker).options(num_cpus=1, memory=self._bytes, max_restarts=0).remote()
@@ -166,7 +166,7 @@ class Cluster:
         self._idle.append(started.worker)
 
     def _check_idle(self) -> None:
-        """Find idle workers that died with their node."""
+        """Start all idle workers again. Workers that died with their node then raise an error and are removed."""
         for worker in self._idle:
             self._starting[worker.start.remote(self._variables)] = _Running(worker, None)
         self._idle.clear()
@@ -201,7 +201,7 @@ class _Calls:
         self.reported += reported
 
     def died(self, number: int, error: Exception) -> None:
-        """Repeat a call whose worker died. Raises ``RuntimeError`` if this happened ``MAX_DEATHS`` times."""
+        """Queue a call again after its worker died. Raises ``RuntimeError`` after ``MAX_DEATHS`` deaths."""
         self._deaths[number] += 1
         if self._deaths[number] == MAX_DEATHS:
             reason = str(error).strip().splitlines()[0]
@@ -210,7 +210,7 @@ class _Calls:
 
 
 def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
-    """The arguments; objects that are in several tuples are replaced by references."""
+    """Returns the arguments. Objects that several tuples contain are replaced by references of Ray."""
     counts = Counter(id(each) for call in arguments for each in call)
     put: dict[int, Any] = {}
 
@@ -242,12 +242,12 @@ def _check_versions(found: Mapping[str, str]) -> None:
 
 @contextmanager
 def connected(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
-    """Context manager: a connection to a Ray cluster.
+    """Context manager: yields a connection to a Ray cluster.
 
     Args:
-        address: ``local`` starts a cluster on this computer that ends with the context; ``auto`` is the cluster of this
-            computer; otherwise HOST:PORT of a head node, or ``ray://HOST:PORT``.
-        max_jobs: maximum number of workers; default: one for each core.
+        address: ``local`` starts a cluster on this computer, which ends with the context. ``auto`` is the running
+            cluster of this computer. Otherwise HOST:PORT of a head node, or ``ray://HOST:PORT``.
+        max_jobs: maximum number of workers; default: one per core.
 
     Raises:
         ValueError: for an invalid address.

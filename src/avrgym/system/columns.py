@@ -17,8 +17,8 @@ TYPES: Mapping[Any, str] = {str: TEXT, int: WHOLE, float: NUMBER, bool: TRUTH}
 class Column:
     """Description of a table column.
 
-    ``type``: default is the annotated type. ``unit``: default is ``1`` for numbers. ``allowed``: the allowed values.
-    ``empty``: the meaning of an empty cell; without it, cells are never empty.
+    ``type``: type of the values; default: the annotated type. ``unit``: default ``1`` for numbers. ``allowed``: the
+    allowed values. ``empty``: the meaning of an empty cell; without this text, no cell is empty.
     """
 
     meaning: str
@@ -29,7 +29,7 @@ class Column:
 
 
 def columns_of(row: type) -> dict[str, Column]:
-    """Columns of a dataclass, by field name. Raises ``TypeError`` for a field without description."""
+    """Returns the columns of a dataclass, by field name. Raises ``TypeError`` for a field without description."""
     hints = get_type_hints(row, include_extras=True)
     return {field.name: _described(row, field.name, hints[field.name]) for field in fields(row)}
 

@@ -16,15 +16,15 @@ _DISTRIBUTIONS = {
     "starlette": "fastapi",
     "warp": "warp_lang",
 }
-"""Distribution of a module, if their names differ."""
+"""Distribution (installable package) of a module, if the two names differ."""
 
 
 def extra_of(module: str, preferred: str | None = None) -> str | None:
-    """The smallest extra that installs a module such as ``mcap.reader``; ``None`` if no extra does.
+    """Returns the smallest extra that installs a module such as ``mcap.reader``; ``None`` if no extra installs it.
 
     Args:
         module: name of the module.
-        preferred: comma-separated extras; returned instead if one of them installs the module.
+        preferred: comma-separated extras. If one of them installs the module, ``preferred`` is returned.
     """
     root = module.partition(".")[0]
     distribution = _DISTRIBUTIONS.get(root, root).lower()
@@ -39,7 +39,7 @@ def extra_of(module: str, preferred: str | None = None) -> str | None:
 
 @cache
 def _extras() -> dict[str, set[str]]:
-    """Distributions of each extra. Nested extras are resolved."""
+    """Returns the distributions of each extra. Nested extras are resolved."""
     try:
         lines = requires("avrgym") or ()
     except PackageNotFoundError:

@@ -32,22 +32,22 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """Temporary files of ``write_atomically`` in a folder that belong to killed processes."""
+    """Returns the temporary files in a folder that ``write_atomically`` left in killed processes."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the temporary files of ``write_atomically`` in a folder that belong to killed processes."""
+    """Remove the files of ``unfinished`` from a folder."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)
 
 
 def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a new or empty folder atomically. Only its owner can open it.
+    """Write a new or empty folder atomically. Only the folder's owner can open it.
 
-    ``write``: a function that writes the contents into a temporary folder. Temporary folders of killed processes are
-    removed.
+    ``write`` writes the contents into a temporary folder, which is then renamed. Temporary folders of killed processes
+    are removed.
     """
     make_private_folder(path.parent)
     for left in path.parent.glob(f".{path.name}.*.new"):
@@ -67,7 +67,7 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def private_opener(path: str, flags: int) -> int:
-    """An opener for ``open``: only the owner can read or write a new file."""
+    """Opener for Python's ``open``: only the owner can read or write a new file. Returns the file descriptor."""
     return os.open(path, flags, PRIVATE_FILE)
 
 
@@ -75,7 +75,7 @@ def write_new(path: Path, text: str) -> None:
     """Write a new file that only its owner can read, and sync it to disk.
 
     Raises:
-        FileExistsError: if the file exists; it is not changed.
+        FileExistsError: if the file exists. The existing file is not changed.
     """
     with open(path, "x", encoding="utf-8", opener=private_opener) as file:
         try:
@@ -88,7 +88,7 @@ def write_new(path: Path, text: str) -> None:
 
 
 def make_private_folder(path: Path) -> None:
-    """Create a folder and its missing parents. Only their owner can open them."""
+    """Create a folder and its missing parents. Only the owner can open the new folders."""
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
@@ -101,7 +101,7 @@ def restrict_to_owner(path: Path) -> None:
 
 
 def exposed_paths(path: Path) -> Iterator[Path]:
-    """Paths on which other users have permissions: a file, or a folder and its contents. Links are ignored."""
+    """Yields ``path`` and, for a folder, its contents, if other users have permissions on them. Links are ignored."""
     if os.name != "posix" or not os.path.lexists(path):
         return
     within = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
@@ -114,7 +114,7 @@ _USER_ENCODING = "utf-8-sig"
 
 
 def read_user_text(path: Path) -> str:
-    """Read a text file that users edit: UTF-8, with or without a byte-order mark (BOM).
+    """Returns the text of a file that users edit: UTF-8, with or without a byte-order mark (BOM).
 
     Raises:
         UnicodeDecodeError: for a file in another encoding.
@@ -124,18 +124,19 @@ def read_user_text(path: Path) -> str:
 
 
 def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
-    """The bytes of a UTF-8 text without and with a byte-order mark (BOM), for comparisons that accept both."""
+    """Returns the bytes of a UTF-8 text, first without, then with a byte-order mark (BOM). Comparisons accept both."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 
 
 def open_new_csv(path: Path) -> TextIO:
-    """Open a new CSV file with a byte-order mark (BOM), because Excel needs it for non-ASCII characters."""
+    """Open and return a new CSV file with a byte-order mark (BOM). Excel needs the mark for non-ASCII characters."""
     return open(path, "x", encoding=_USER_ENCODING, newline="")
 
 
 def user_data_folder() -> Path:
-    """Folder for the user's keys, tokens and certificates; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
+    """Returns the folder for the user's keys, tokens and certificates. On Linux it is in ``$XDG_DATA_HOME`` or
+    ``~/.local/share``."""
     import platformdirs  # a package of the extra vr
 
     return platformdirs.user_data_path("avrgym", appauthor=False)

@@ -14,11 +14,11 @@ Result = TypeVar("Result")
 
 POLL_INTERVAL_S = 0.5
 _add: Callable[[int], None] | None = None
-"""The function that counts progress reports of this worker process."""
+"""Function that adds to the progress of this process; ``None`` if progress is not counted."""
 
 
 def cores() -> int:
-    """Number of processor cores that this process may use."""
+    """Returns the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -30,13 +30,13 @@ def run_all(
 ) -> list[Result]:
     """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
 
-    The worker processes end with this process, even if it is killed.
+    The worker processes end with this process, even if this process is killed.
 
     Args:
         function: a function that processes can import from its module.
         arguments: one tuple for each call.
-        jobs: number of processes, 1 or more; at most one for each call is started.
-        progress: called repeatedly with the sum of all progress reports so far.
+        jobs: maximum number of processes, 1 or more. At most one process per call is started.
+        progress: called repeatedly with the sum of all progress reports until now.
     """
     if not arguments:
         return []
@@ -79,7 +79,7 @@ def counting() -> Generator[Callable[[], int]]:
 
 
 def _start(done: "Synchronized[int]") -> None:
-    """End this process with its parent. Only the parent handles signals of the terminal."""
+    """Prepare a worker process: add its progress reports to ``done``, and exit when the parent process exits."""
 
     def add(more: int) -> None:
         with done.get_lock():

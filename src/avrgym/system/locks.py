@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO
 
 LOCK_FILE = "training.lock"
-"""File for the kernel's lock. It is never removed, and contains the id of the last process that locked it."""
+"""Name of the locked file. The file is never removed. It contains the id of the last process that locked it."""
 
 
 @contextmanager

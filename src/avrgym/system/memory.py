@@ -6,16 +6,17 @@ import platform
 from functools import cache
 
 LARGE_BYTES = 4 << 20
-"""Threshold between the arena of a world (12 MiB and more) and the smaller arrays of a control step."""
+"""Size from which freed blocks are returned. Arenas of worlds are larger (12 MiB and more), arrays of a control step
+smaller."""
 _M_MMAP_THRESHOLD = -3
 """Parameter number in glibc, see `mallopt(3)`."""
 
 
 @cache
 def return_large_blocks() -> None:
-    """Configure glibc to return freed blocks of 4 MiB or more to the system. Called once for each process.
+    """Configure glibc to return freed blocks of 4 MiB or more to the system. Only the first call has an effect.
 
-    By default, glibc keeps freed blocks of up to 32 MiB. The worlds of successive trials are then at different
+    By default, glibc may keep freed blocks of at most 32 MiB. The worlds of successive trials are then at different
     addresses, and memory grows by 100 MiB in 140 trials. Other C libraries do not need this.
     """
     if platform.libc_ver()[0] == "glibc":
@@ -23,12 +24,12 @@ def return_large_blocks() -> None:
 
 
 def available_bytes() -> int | None:
-    """Free memory in bytes; ``None`` if the system does not report it."""
+    """Returns the free memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_AVPHYS_PAGES")
 
 
 def memory_bytes() -> int | None:
-    """Memory of this computer in bytes; ``None`` if the system does not report it."""
+    """Returns the total memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_PHYS_PAGES")
 
 

@@ -1,4 +1,4 @@
-"""Configure MuJoCo: the rendering backend, which must be chosen before the import of MuJoCo, and the log."""
+"""Configure MuJoCo: rendering backend and log. The backend must be chosen before MuJoCo is imported."""
 
 import ctypes
 import logging
@@ -20,7 +20,7 @@ RENDERING_HINT = (
 
 
 def choose_rendering_backend() -> None:
-    """Set ``MUJOCO_GL`` on Linux without a screen; a value that is already set is not changed."""
+    """Set ``MUJOCO_GL`` on Linux without a screen. An existing value is not changed."""
     if (
         sys.platform != "linux"
         or "MUJOCO_GL" in os.environ
@@ -49,7 +49,7 @@ def check_rendering_backend() -> None:
 
 
 def _can_load(library: str) -> bool:
-    """Whether a shared library can be loaded, under one of the names that PyOpenGL tries."""
+    """Whether a shared library can be loaded by one of the names that PyOpenGL tries."""
     for name in (f"lib{library}.so", *(f"lib{library}.so.{version}" for version in reversed(range(10)))):
         try:
             ctypes.CDLL(name)
@@ -60,7 +60,7 @@ def _can_load(library: str) -> bool:
 
 
 def log_warnings() -> None:
-    """Send MuJoCo's warnings to the logger ``avrgym.mujoco``; a handler that is already set is not replaced.
+    """Send MuJoCo's warnings to the logger ``avrgym.mujoco``. An existing warning handler of MuJoCo is not replaced.
 
     Without a handler, MuJoCo writes ``MUJOCO_LOG.TXT`` into the current folder.
     """

@@ -1,9 +1,9 @@
-"""Packaged robots whose meshes are in a package that an extra installs."""
+"""Packaged robots with meshes in another package, which an extra installs."""
 
 from importlib.util import find_spec
 
 PACKAGES = {"Stretch": "stretch_urdf"}
-"""Package with the meshes, by robot. The extra has the robot's name in lower case."""
+"""Package with the meshes of each robot. The name of the extra is the robot's name in lower case."""
 
 
 def _is_installed(package: str) -> bool:
@@ -18,10 +18,11 @@ MISSING = {
     for robot, package in PACKAGES.items()
     if not _is_installed(package)
 }
-"""Robots that are left out, and the command that adds them."""
+"""Robots that are not available because the package is missing, and the command that installs it."""
 INSTALLED = tuple(robot for robot in PACKAGES if robot not in MISSING)
 
 
 def how_to_add(name: str) -> str:
-    """The end of a message about an unknown robot or environment: the command that adds a robot that is left out."""
+    """Returns the end of an error message about the unknown ``name``: commands that install missing robots in this
+    name."""
     return "".join(f". `{command}` adds {robot}" for robot, command in MISSING.items() if robot in name)

@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 
 
 class Named(Protocol):
-    """A plug-in object: it has a name."""
+    """An object with a name, which a plug-in provides."""
 
     @property
     def name(self) -> str: ...
@@ -37,7 +37,7 @@ class SkippedPlugin:
 
 
 def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
-    """Load all plug-ins of a group, sorted by name. ``add`` is called with each object, which must be a ``kind``.
+    """Load all plug-ins of a group, sorted by name. Each object must be of type ``kind``. ``add`` is called with it.
 
     Returns:
         Plug-ins that cannot be loaded or have another type, or for which ``add`` raises an exception.
@@ -54,24 +54,24 @@ def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[
 
 
 def entry_point_of(group: str, name: str) -> EntryPoint | None:
-    """Entry point of a loaded object; ``None`` if the object is not a plug-in."""
+    """Returns the entry point of a loaded object; ``None`` if the object is not from a plug-in."""
     return _loaded.get((group, name))
 
 
 @cache
 def entry_points_of(group: str) -> tuple[EntryPoint, ...]:
-    """Entry points of a group, sorted by name. They are cached; nothing is imported."""
+    """Returns the entry points of a group, sorted by name. They are cached; nothing is imported."""
     return tuple(sorted(entry_points(group=group), key=describe_entry_point))
 
 
 def describe_entry_point(entry: EntryPoint) -> str:
-    """The entry point as text: ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
+    """Returns an entry point as text: ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``."""
     package = "" if entry.dist is None else f" ({entry.dist.name} {entry.dist.version})"
     return f"{entry.name} = {entry.value}{package}"
 
 
 def log_skipped(name: str, error: BaseException) -> SkippedPlugin:
-    """Log a warning that a plug-in is skipped because of an error."""
+    """Log a warning that a plug-in is skipped because of an error. Returns the skipped plug-in."""
     broken = SkippedPlugin(name, f"{type(error).__name__}: {error}")
     _LOG.warning("skipped %s: %s", broken.name, broken.reason)
     return broken

@@ -5,9 +5,9 @@ from pathlib import Path
 
 
 def is_running(process: int) -> bool:
-    """Whether a process is running; ``True`` if this cannot be determined.
+    """Whether a process with this id is running; ``True`` if this cannot be determined.
 
-    A zombie process (ended, but not yet waited for by its parent) counts as not running where Linux reports it.
+    On Linux, a zombie process counts as not running.
     """
     if os.name != "posix":
         return True

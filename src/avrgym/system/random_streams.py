@@ -1,9 +1,10 @@
 """All random streams of the program, and their seeds.
 
-Each function returns a random generator for the user's seed and, for example, the number of an episode or update. A
-constant separates it from other streams with the same seed. Hyperparameters, exploration noise and checkpoints are
-chosen on episodes of the validation split; reported results are from the test split. Both splits differ from training
-for every seed, because only they have a spawn key (NumPy's ``SeedSequence``).
+Most functions return a random generator. It is seeded by the user's seed, further numbers (such as that of an episode
+or update), and often a constant that separates it from other streams with the same seed. Hyperparameters, exploration
+noise and checkpoints are selected with episodes of the validation split. Reported results are from the test split. For
+every seed, the episodes of both splits differ from those of training: only the splits have a spawn key (NumPy's
+``SeedSequence``).
 """
 
 from collections.abc import Callable, Iterable
@@ -18,11 +19,11 @@ SPLITS: tuple[Split, ...] = (VALIDATION, TEST)
 _SPAWN_KEYS: dict[Split, int] = {VALIDATION: 1, TEST: 2}
 
 NoiseStream = Callable[[int, int, int], Generator]
-"""A function from seed, number of training steps so far and world to a generator of exploration noise."""
+"""Function that returns a generator of exploration noise. Arguments: seed, number of past environment steps, world."""
 
 
 def split_of(name: str) -> Split:
-    """The split with this name.
+    """Returns the split with this name.
 
     Raises:
         ValueError: for an unknown name; the message lists the allowed names.
@@ -37,7 +38,7 @@ def split_of(name: str) -> Split:
 
 
 def evaluation_episodes(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
-    """People, initial states and exploration noise of episodes in the validation or test split."""
+    """Person, initial state and exploration noise of each episode in ``numbers``, for the validation or test split."""
     key = (_SPAWN_KEYS[split],)
     return [default_rng(SeedSequence([seed, number], spawn_key=key)) for number in numbers]
 
@@ -84,12 +85,14 @@ def device_minibatches(seed: int, steps: int) -> int:
 
 
 def episode(seed: int) -> Generator:
-    """Initial state and exploration noise of one episode: a study's trial, ``view``, ``export``, or a task's check."""
+    """Initial state and exploration noise of one episode of a study's trial, ``view``, ``export`` or the check of a
+    task."""
     return default_rng(seed)
 
 
 def trained_human_noise(uniform: float) -> Generator:
-    """Exploration noise of a trained human in one episode; ``uniform`` is a random number from the initial state."""
+    """Exploration noise of a trained human in one episode. ``uniform`` is a random number of the initial state, 0 to
+    1."""
     return default_rng([5, int(uniform * 2**53)])
 
 
@@ -104,7 +107,7 @@ def benchmark_episode(seed: int, world: int) -> Generator:
 
 
 def untrained_weights() -> Generator:
-    """Network weights of ``bench vr``."""
+    """Weights of the untrained network of ``bench vr``."""
     return default_rng(0)
 
 
@@ -198,7 +201,7 @@ def sampled_sign_flips() -> Generator:
 
 
 def sampled_arm_poses() -> Generator:
-    """Poses of an arm, which find the pairs of its links that can collide."""
+    """Random poses of an arm, used to find the pairs of links that can collide."""
     return default_rng(0)
 
 

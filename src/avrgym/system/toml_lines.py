@@ -9,13 +9,13 @@ from tomlkit.exceptions import TOMLKitError
 from avrgym.system.type_guards import is_table
 
 Place = tuple[str | int, ...]
-"""Path of a value: keys and indices."""
+"""Path of a value in a TOML document: keys and indices."""
 
 _MARK = "avrgym-marks-this-place"
 
 
 def line_of(text: str, place: Place) -> int:
-    """Line number of a value, from 1. Raises ``LookupError`` if there is no such value."""
+    """Returns the line number of a value, from 1. Raises ``LookupError`` if there is no such value."""
     match place:
         case (str(key), int(index), *rest):
             header, below = _header(text, rf"\[\[\s*{re.escape(key)}\s*\]\]", index), (key, 0, *rest)
@@ -27,7 +27,7 @@ def line_of(text: str, place: Place) -> int:
 
 
 def _marked_line(text: str, place: Place) -> int:
-    """Line number of a value. The value is replaced by a marker, which is then searched."""
+    """Returns the line number of a value, from 1. A marker replaces the value and is then searched in the text."""
     document: Any = tomlkit.parse(text)
     parent: Any = document
     for key in place[:-1]:
@@ -43,7 +43,7 @@ def _marked_line(text: str, place: Place) -> int:
 
 
 def _header(text: str, pattern: str, index: int) -> int:
-    """Line index (from 0) of the header with this index that matches a pattern; 0 if there is none.
+    """Returns the line index (from 0) of the header number ``index`` that matches a pattern; 0 if there is none.
 
     The tables of an array may be separated in the text, but tomlkit writes them consecutively.
     """
@@ -57,7 +57,7 @@ def _header(text: str, pattern: str, index: int) -> int:
 
 
 def _is_whole(text: str) -> bool:
-    """Whether the text is complete TOML, and does not end within a multi-line string."""
+    """Whether the text is complete TOML: it does not end within a multi-line string."""
     try:
         tomlkit.parse(text)
     except TOMLKitError:

@@ -10,7 +10,8 @@ from tempfile import mkdtemp
 
 @dataclass(frozen=True)
 class TransferredFile:
-    """The name of a file or folder, with its contents. ``files``: contents of a folder's files by relative path."""
+    """The name of a file or folder, and its contents. ``files`` contains the files of a folder: relative path and
+    content."""
 
     name: str
     content: bytes | None = None
@@ -23,11 +24,11 @@ class TransferredFile:
 
     @classmethod
     def read_folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
-        """Read some files of a folder."""
+        """Read ``files``, which are in the folder ``name``."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
     def local_path(self) -> str:
-        """The name if this process finds the same files under it; otherwise the path of a temporary copy."""
+        """Returns the name if it is the path of the same files here, otherwise the path of a temporary copy."""
         found = all(path.is_file() and path.read_bytes() == content for path, content in self._at(self.name))
         return self.name if found else _copy(self)
 
@@ -38,14 +39,15 @@ class TransferredFile:
             file.write_bytes(content)
 
     def _at(self, path: str | Path) -> list[tuple[Path, bytes]]:
-        """Paths and contents of the files if they are written to ``path``."""
+        """Returns the path and content of each file that ``write`` writes to ``path``."""
         alone = [] if self.content is None else [(Path(path), self.content)]
         return alone + [(Path(path) / name, content) for name, content in self.files]
 
 
 @cache
 def _copy(snapshot: TransferredFile) -> str:
-    """Path of a temporary copy with the same base name, because results and messages contain the name."""
+    """Write a temporary copy, and return its path. The copy has the same base name, because results contain this
+    name."""
     contents = [each for each in (snapshot.content, *dict(snapshot.files).values()) if each is not None]
     folder = Path(mkdtemp(prefix=f"avrgym-{sha256(b''.join(contents)).hexdigest()[:8]}-"))
     path = folder / Path(snapshot.name).name

@@ -1,6 +1,6 @@
-"""Plug-ins that a recording, study or training used: package, version, and hash of their files.
+"""Plug-ins that a recording, study or training used: package, version, and hash of the files.
 
-Robots and tasks of AVR Gym are not plug-ins; its version identifies them, see ``own_version``.
+Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``own_version``.
 """
 
 import ast
@@ -25,8 +25,8 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
     """A plug-in at the time of its use.
 
     ``name``: name of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
-    ``MODULE:ATTRIBUTE`` without a package; then ``package`` and ``version`` are empty. ``sha256``: hash of its files,
-    see ``content_sha256``.
+    ``MODULE:ATTRIBUTE`` for code outside a package; ``package`` and ``version`` are then empty. ``sha256``: hash of the
+    plug-in's files, see ``content_sha256``.
     """
 
     kind: Kind
@@ -49,7 +49,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @cache
 def own_version() -> str:
-    """Version of AVR Gym. For an editable installation, it includes a hash of the files."""
+    """Returns the version of AVR Gym. For an editable installation, it includes a hash of the files."""
     about = importlib.metadata.distribution("avrgym")
     origin = json.loads(about.read_text("direct_url.json") or "{}")
     if not origin.get("dir_info", {}).get("editable"):
@@ -58,7 +58,7 @@ def own_version() -> str:
 
 
 def plugin_of_entry_point(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
-    """The installed plug-in of an entry point."""
+    """Returns the installed version of the plug-in of an entry point."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(
         kind, name, f"{entry.name} = {entry.value}", **about, sha256=content_sha256(entry.module)
@@ -66,12 +66,12 @@ def plugin_of_entry_point(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugi
 
 
 def plugin_of_controller(name: str) -> UsedPlugin:
-    """The controller ``module:attribute`` with its current files."""
+    """Returns the controller ``module:attribute`` with a hash of its current files."""
     return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
 
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
-    """Descriptions of plug-ins that differ. Plug-ins that are missing in ``before`` were not stored."""
+    """Returns descriptions of the plug-ins that differ. A plug-in that ``before`` lacks is described as not stored."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
         f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
@@ -86,10 +86,10 @@ def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
 
 @cache
 def content_sha256(module: str) -> str:
-    """SHA-256 of the files of a module; empty if they cannot be read.
+    """Returns the SHA-256 of a module's files; empty if they cannot be read.
 
-    It covers all files of the module's top-level package, or the file of a module without a package. Imported modules
-    and packages in the same folder are included, except in a site-packages folder.
+    The files are all files of the module's top-level package, or the file of a module without a package. Imported
+    modules and packages in the same folder are included, unless it is a site-packages folder.
     """
     found = hashlib.sha256()
     try:
@@ -105,7 +105,8 @@ def content_sha256(module: str) -> str:
 
 
 def _root(module: str) -> Path | None:
-    """Folder of the module's outermost package (without namespace packages), or the module's file."""
+    """Returns the folder of the module's outermost package (without namespace packages), or the module's file, or
+    None."""
     parts = module.split(".")
     for count in range(1, len(parts) + 1):
         try:
@@ -119,7 +120,8 @@ def _root(module: str) -> Path | None:
 
 
 def _files(root: Path) -> list[tuple[str, Path]]:
-    """Names and paths of the files of a module or package, and of the modules in the same folder that it imports."""
+    """Returns names and paths of the files of a module or package. The modules in the same folder that it imports are
+    included."""
     found = dict[str, Path]()
     places, others = [root], _neighbours(root)
     while places:
@@ -131,7 +133,7 @@ def _files(root: Path) -> list[tuple[str, Path]]:
 
 
 def _files_in(root: Path) -> Iterator[Path]:
-    """All files except hidden files and compiled Python files."""
+    """Yields all files except hidden files and compiled Python files."""
     for path in [root] if root.is_file() else root.rglob("*"):
         names = path.relative_to(root.parent).parts
         hidden = any(name == "__pycache__" or name.startswith(".") for name in names)
@@ -140,7 +142,7 @@ def _files_in(root: Path) -> Iterator[Path]:
 
 
 def _neighbours(root: Path) -> dict[str, Path]:
-    """Other modules and packages in the module's folder, by name; empty in a site-packages folder."""
+    """Returns the other modules and packages in the module's folder, by name; none in a site-packages folder."""
     if any(root.parent.glob("*.dist-info")):
         return {}
     found = {path.stem: path for path in root.parent.glob("*.py")}
@@ -149,7 +151,7 @@ def _neighbours(root: Path) -> dict[str, Path]:
 
 
 def _imported_names(path: Path) -> set[str]:
-    """Top-level names that a Python file imports."""
+    """Returns the top-level names of the modules that a Python file imports."""
     if path.suffix != ".py":
         return set()
     try:

@@ -1,7 +1,7 @@
 """Interface texts for participants: one file for each language, with the same keys.
 
-AVR Gym includes the languages of the ``.toml`` files in this package. A study can add languages, and translations of
-its own sentences, in ``texts/LANGUAGE.toml`` in its folder; see ``read_texts``.
+AVR Gym includes the languages of the ``.toml`` files in this package. A study can add languages and translations of its
+own sentences: in the file ``texts/LANGUAGE.toml`` in its folder, see ``read_texts``.
 """
 
 import re
@@ -33,21 +33,21 @@ OPTIONAL_PAGE_KEYS = (
     "wrong_code",
     "too_many_codes",
 )
-"""Optional keys under ``page``; their default is the English text."""
+"""Optional keys under ``page``. Their default is the English text."""
 PAGE_SUFFIX = "_page"
-"""Suffix of keys under ``session`` whose texts are for the page without a headset."""
+"""Suffix of keys under ``session``. Texts with this suffix are for the page without a headset."""
 SELECT, SELECT_BY = "select", "select_by_"
-"""Placeholder for the participant's select action, and prefix of the keys with the names of these actions."""
+"""Placeholder for the name of the participant's select action, and prefix of the keys with these names."""
 DEFAULT_INPUT = "trigger"
 
 
 class TextsError(ValueError):
-    """The texts of a language are invalid. The message contains file, error and allowed values."""
+    """Raised if the texts of a language are invalid. The message contains file, error and allowed values."""
 
 
 @dataclass(frozen=True)
 class Text:
-    """A text for a participant: its key under ``session``, and values for its placeholders."""
+    """A text for a participant: its key under ``session``, and the values of its placeholders."""
 
     key: str
     values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
@@ -82,7 +82,7 @@ class Texts:
     sentences: Mapping[str, str]
 
     def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
-        """The text for VR with filled-in placeholders. ``select_by``: the kind of select input."""
+        """Returns the text for VR with filled-in placeholders. ``select_by``: the kind of select input."""
         select = self.session.get(SELECT_BY + select_by, "")
         values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
@@ -94,22 +94,23 @@ class Texts:
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def render_by_input(self, text: Text) -> dict[str, str]:
-        """The texts for VR that differ from ``render``'s default, by kind of select input."""
+        """Returns texts for VR by kind of select input, without those that are equal to the text for the default
+        input."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
         texts = {kind: self.render(text, kind) for kind in kinds}
         return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
 
     def render_for_page(self, text: Text) -> str:
-        """The text for the page without a headset."""
+        """Returns the text for the page without a headset, with filled-in placeholders."""
         on_page = text.key + PAGE_SUFFIX
         return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
-        """Translation of a sentence; without a translation, the sentence itself."""
+        """Returns the translation of a sentence, or the sentence itself if there is no translation."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
     def untranslated(self, sentences: Collection[str]) -> list[str]:
-        """Sentences without a translation."""
+        """Returns the sentences without a translation, without duplicates."""
         unique_sentences = dict.fromkeys(
             normalize_whitespace(sentence) for sentence in sentences if sentence.strip()
         )
@@ -117,7 +118,7 @@ class Texts:
 
 
 class TextError(ValueError):
-    """The participant cannot do an action. ``text`` is the explanation for the participant."""
+    """Raised if the participant cannot do an action. ``text`` explains the reason to the participant."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(ENGLISH.render(text))
@@ -125,12 +126,12 @@ class TextError(ValueError):
 
 
 def normalize_whitespace(sentence: str) -> str:
-    """The sentence with single spaces, as a key for translations. Line breaks are therefore ignored."""
+    """Returns the sentence with single spaces instead of line breaks and spaces. It is the key of the translation."""
     return " ".join(sentence.split())
 
 
 def included_languages() -> list[str]:
-    """Tags of the languages that AVR Gym includes."""
+    """Returns the tags of the languages that AVR Gym includes."""
     included = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
     )
@@ -138,10 +139,11 @@ def included_languages() -> list[str]:
 
 
 def read_texts(language: str, folder: Path | None = None) -> Texts:
-    """The texts in a language. Texts in the study's folder override those of AVR Gym.
+    """Returns the texts in a language. Texts in the study's ``folder`` override those of AVR Gym.
 
     Raises:
-        TextsError: for an unknown language, a missing or unknown text, or other placeholders than in English.
+        TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from the English
+            text.
     """
     if not LANGUAGE.fullmatch(language):
         raise TextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
@@ -193,7 +195,8 @@ def _read(text: str, name: str) -> TextsFile:
 def _check(texts: Texts, where: str) -> None:
     """Raise ``TextsError`` if keys or placeholders differ from the English texts.
 
-    A language may have additional page variants. Without ``{select}``, it needs no select actions.
+    A language may have additional texts for the page. It needs names of select actions only if a text contains
+    ``{select}``.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
@@ -226,7 +229,7 @@ _SELECTS = {SELECT, SELECT.capitalize()}
 
 
 def _names(text: str) -> set[str]:
-    """The placeholders of a text. Conversions and format specifications, which are not allowed, are included."""
+    """Returns the placeholders of a text. They include conversions and format specifications, which are not allowed."""
     try:
         return {
             name + (f"!{how}" if how else "") + (f":{form}" if form else "")
