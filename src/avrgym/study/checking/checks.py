@@ -278,7 +278,7 @@ def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Ma
 def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
 ) -> Iterator[str]:
-    """Names of values that differ between recording and database. A truncated recording may lack answers."""
+    """Names of values that are different in recording and database. A truncated recording may lack answers."""
     configuration = recording.configuration
     recorded_values = {
         "environment": configuration.environment,
@@ -296,7 +296,7 @@ def _differences(
 
 
 def _files(store: Store) -> list[str]:
-    """All files and symbolic links in the folder of recordings, relative to the study's folder."""
+    """Paths of all files and symbolic links in the recordings folder, relative to the study's folder."""
     found: list[str] = []
     for folder, folders, files in os.walk(store.folder / RECORDINGS):
         links = [name for name in folders if (Path(folder) / name).is_symlink()]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding: its place, a message, and whether it is an error that must be corrected."""
+    """A finding: place (``where``), message, and whether it is an error that must be corrected."""
 
     where: str
     message: str

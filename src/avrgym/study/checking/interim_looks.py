@@ -1,4 +1,4 @@
-"""Find interim looks in a study's log: views of results before the planned end."""
+"""Find interim looks in a study's log: views of results before all planned participants completed the study."""
 
 from collections import defaultdict
 from collections.abc import Iterator

@@ -59,7 +59,7 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """Source of a policy as text, and its file (``None`` without a file). Raises ``PolicyError`` if it is missing."""
+    """Source of a policy as text, and the policy's file, if any. Raises ``PolicyError`` for a missing policy."""
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
     if source in packaged:

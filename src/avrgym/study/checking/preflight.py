@@ -1,4 +1,4 @@
-"""Check that a study can run: policies can be loaded, and every body can start in every environment."""
+"""Check that a study can run: policies can be loaded, and every body has valid initial states in every environment."""
 
 from collections.abc import Iterator
 from contextlib import suppress

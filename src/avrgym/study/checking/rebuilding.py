@@ -137,7 +137,7 @@ class _Rebuilding:
         )
 
     def rebuild(self, connection: sa.Connection) -> None:
-        """Insert all participants, and an event for this and each earlier rebuild."""
+        """Insert all participants, an event for this rebuild, and an event for each earlier rebuild."""
         for each in self._listed.rebuilds() if self._listed else ():
             hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
@@ -153,7 +153,7 @@ class _Rebuilding:
         return LOST
 
     def _beginnings(self) -> dict[int, datetime]:
-        """Start time of each participant's first recording, by number."""
+        """Start time of each participant's first recording, by participant number."""
         recorded_attempts = {number: _flat(visits) for number, visits in self._visits.items()}
         return {
             number: min(each.began_at for each in own) for number, own in recorded_attempts.items() if own

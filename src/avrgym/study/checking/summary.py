@@ -125,7 +125,7 @@ Condition = tuple[str, str, str, bool]
 
 @dataclass(frozen=True)
 class ConditionResults:
-    """Results of the completed trials of a condition, without practice, for people or for simulated participants.
+    """Results of a condition's completed trials (without practice trials), of people or of simulated participants.
 
     ``policy``: a letter if the experimenter is blinded. ``reward_mean``: mean over trials. ``success_rate``: 0 to 1.
     ``answer_means``: mean answer to each version of an item, on its scale.

@@ -65,7 +65,7 @@ class LiveSessions(Protocol):
 
     @property
     def links(self) -> SessionLinks:
-        """The session link of the running session."""
+        """The session links; at most one is valid, that of the running session."""
         ...
 
     def renew_link(self, pseudonym: str) -> None:
@@ -351,7 +351,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 
 async def _body(request: Request, kind: type[B]) -> B:
-    """The decoded request body. Error messages contain field names, but no values, which could be names of people."""
+    """The decoded request body. Error messages contain no values, because values may be names of people."""
     data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)

@@ -83,7 +83,7 @@ class DashboardLog:
 class LiveLog(DashboardLog):
     """Add commands of the live page to the audit log, in the session's storage thread.
 
-    A command is therefore stored before its effects.
+    The log entry of a command is therefore stored before the effects of the command.
     """
 
     def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:

@@ -81,7 +81,7 @@ class Results:
 
 @dataclass(frozen=True)
 class TrialView:
-    """A trial without information that a blinded experimenter must not have; ``attempts``: states of its attempts.
+    """A trial, without information that a blinded experimenter must not see. ``attempts``: states of its attempts.
 
     ``questionnaire_open``: the trial is completed and has unanswered items.
     """

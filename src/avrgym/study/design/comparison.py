@@ -29,7 +29,7 @@ def design_to_dict(design: Design) -> dict[str, Any]:
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
-    """The design from a dictionary. Unknown fields from other versions are ignored."""
+    """The design from a dictionary. Unknown fields, from other versions of AVR Gym, are ignored."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
@@ -86,7 +86,7 @@ def _name(table: dict[str, Any], key: str, name: str) -> None:
 
 
 def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Stop rules by item. If an item has several rules, they are numbered."""
+    """Stop rules by item. If an item has several rules, the later keys contain a number."""
     named: dict[str, Any] = {}
     for rule in rules:
         earlier = sum(key.partition(" ")[0] == rule["item"] for key in named)

@@ -15,7 +15,7 @@ from avrgym.array_types import IntArray
 
 @dataclass(frozen=True)
 class Block:
-    """A task of a participant, and its conditions in order. Both are indices from 0."""
+    """A task of a participant, and the task's conditions in order. Tasks and conditions are indices from 0."""
 
     task: int
     conditions: tuple[int, ...]

@@ -62,7 +62,7 @@ class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study's database. Without a URL, it is the file ``study.db`` in the study's folder."""
+    """The study's database. If ``url`` is empty, the database is the file ``study.db`` in the study's folder."""
 
     url: str = ""
 

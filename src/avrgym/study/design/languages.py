@@ -26,8 +26,8 @@ MAX_LISTED = 3
 def check_languages(design: Design, folder: Path) -> None:
     """Raise ``ValidationError`` for the first language with missing texts.
 
-    The design is written in its first language, and needs translations into the other languages. Sentences of AVR Gym
-    need translations into all languages except English.
+    Sentences of the design are in its first language, and need translations into the other languages. Sentences of
+    AVR Gym need translations into all languages except English.
     """
     check_unique(("languages",), design.languages)
     for index, language in enumerate(design.languages):

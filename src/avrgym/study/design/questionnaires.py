@@ -43,7 +43,7 @@ def _check_item(place: Place, item: Item, known: set[str]) -> None:
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``ValidationError`` for the first invalid rule, including rules that no answer or every answer meets."""
+    """Raise ``ValidationError`` for the first invalid rule. A rule that no answer or every answer meets is invalid."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)

@@ -1,4 +1,4 @@
-"""Read the TOML files of a study into structs. Errors contain the line and the allowed values."""
+"""Read the TOML files of a study into structs. Error messages contain the line and the allowed values."""
 
 import re
 import tomllib

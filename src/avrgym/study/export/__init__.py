@@ -65,7 +65,7 @@ def export_study(
 
     Raises:
         StudyError: for an unknown format, extras or cameras that the format cannot contain, an unknown camera, a folder
-            that is not empty, or a damaged or missing recording; also if a package of the extra ``export`` is missing.
+            that is not empty, or a damaged or missing recording; also if a package of ``avrgym[export]`` is missing.
         RuntimeError: if rendering fails.
     """
     if data_format not in FORMATS:

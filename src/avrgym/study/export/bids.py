@@ -26,7 +26,7 @@ from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
-"""Name of the tracked point for each field of a tracking frame."""
+"""BIDS name of the tracked point, by field of a tracking frame."""
 RECORDS_FOLDER = "sourcedata"
 """Folder for events, adverse events and notes. BIDS does not define its contents."""
 AXES = ("x", "y", "z")

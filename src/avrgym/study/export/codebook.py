@@ -38,7 +38,7 @@ RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_pers
 
 
 def reward_terms(design: Design) -> list[str]:
-    """All reward terms of the design's tasks. Each has a column in the table of control steps."""
+    """All reward terms of the design's tasks. Each term has a column in the table of control steps."""
     return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 

@@ -174,7 +174,7 @@ def _png(image: NumpyArray) -> bytes:
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
-    """Table of task numbers; the pandas index contains their texts."""
+    """Table of task numbers; the pandas index contains the tasks' texts."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

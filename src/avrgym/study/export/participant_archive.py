@@ -26,7 +26,7 @@ from avrgym.system.files import private_opener
 
 INDEX = "README.md"
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
-"""Events whose detail contains names of other participants."""
+"""Events whose detail can contain pseudonyms of other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
@@ -52,7 +52,7 @@ FILE_CONTENTS: Mapping[str, str] = {
 
 
 def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
-    """Write all data of one participant to a new ZIP archive that only its owner can read.
+    """Write all data of one participant to a new ZIP archive that only the user of this process can read.
 
     Returns:
         The number of files.

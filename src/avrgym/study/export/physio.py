@@ -146,7 +146,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
 
 
 def _column_names(labels: Sequence[str]) -> dict[int, str]:
-    """A unique name for each column: letters and digits of its label, with a number for duplicates."""
+    """A unique name for each column: letters and digits of the channel's label, with a number for duplicates."""
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
         name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"

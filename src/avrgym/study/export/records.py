@@ -1,6 +1,6 @@
 """Export events, adverse events, notes and the audit log.
 
-Free text may contain names of people. It is exported only on request, and so are names of experimenters.
+Free text may contain names of people. Free text and names of experimenters are exported only on request.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -170,7 +170,7 @@ def _described(column: Column) -> dict[str, str]:
 
 
 def _session_numbers(store: Store, people: Iterable[Participant]) -> dict[int, int]:
-    """Number of each session, by id."""
+    """Number of each session, by the session's id."""
     return {each.id: each.number for person in people for each in store.sessions(person.pseudonym)}
 
 

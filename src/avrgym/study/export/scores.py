@@ -135,7 +135,7 @@ def _weights(
     when: When,
     given: Mapping[tuple[str, When], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
-    """Weights of a questionnaire's weighted score at one time; ``None`` if there are none."""
+    """Weights for a questionnaire's weighted score at one time; ``None`` without weights."""
     if questionnaire.weights is not msgspec.UNSET:
         return questionnaire.weights
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None

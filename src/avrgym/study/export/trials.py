@@ -66,7 +66,7 @@ class ExportedAttempt:
         return recording
 
     def is_changed(self) -> bool:
-        """Whether the recording exists, but has changed since its trial was completed."""
+        """Whether the recording exists, but has changed since the attempt was completed."""
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:

@@ -54,7 +54,7 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
-    """A difference between two designs as text, with the lines in both files."""
+    """A difference between two designs as text, with the line of the value in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {place_text(place)}", here, there, *at)
 

@@ -290,7 +290,7 @@ def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
 
 
 def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
-    """Store the site's deletions, the accepted differences, and the head of its hash chain."""
+    """Store the site's deletions, the accepted differences, and the head of the site's hash chain."""
     for row in site.source.rows["tombstone"]:
         number = merged_participant_number(site.number, row["number"])
         if not find_all(connection, Tombstone, number=number):

@@ -25,7 +25,7 @@ MERGED_TABLES = tuple(
 
 @dataclass(frozen=True)
 class SiteStudy:
-    """A site's study: its rows by table, read at one moment, and the head of its hash chain."""
+    """A site's study: rows by table, all read at one moment, and the head of the study's hash chain."""
 
     name: str
     store: Store

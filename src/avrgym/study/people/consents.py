@@ -1,4 +1,4 @@
-"""Decisions about consent texts. A decision contains the checksum of its text, and the archive contains the text."""
+"""Decisions about consent texts. A decision contains the checksum of the text, and the archive contains the text."""
 
 import hashlib
 from collections.abc import Iterable
@@ -112,7 +112,7 @@ def current_text(store: Store, language: str) -> ShownText | None:
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
-    """Pseudonyms of the participants of these consents as text, without duplicates."""
+    """Pseudonyms of the participants who gave these consents, as text without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 

@@ -73,7 +73,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
 
 
 def _remove(store: Store, name: str) -> None:
-    """Remove a folder of the study. If it is a symbolic link, only the link is removed."""
+    """Remove a folder of the study. If the folder is a symbolic link, only the link is removed."""
     path = store.folder / name
     if path.is_symlink():
         path.unlink()

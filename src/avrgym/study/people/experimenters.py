@@ -16,7 +16,7 @@ from avrgym.study.storage.store import Store, find_all
 
 TOKEN_BYTES = 16
 REFRESH_S = 1.0
-"""Interval in seconds at which a server reads the tokens. A revoked token is invalid after this time."""
+"""Interval in seconds at which a server reads the tokens. A revoked token becomes invalid within this time."""
 
 
 def add_experimenter(store: Store, name: str) -> str:
@@ -41,7 +41,7 @@ def add_experimenter(store: Store, name: str) -> str:
 
 
 def revoke_experimenter(store: Store, name: str) -> None:
-    """Revoke the token of an experimenter. Raises ``StudyError`` if there is none."""
+    """Revoke the token of an experimenter. Raises ``StudyError`` if the experimenter has no token."""
     with store.database.write() as connection:
         valid = find_all(connection, Experimenter, revoked_at=None)
         own = [each for each in valid if each.name == name]

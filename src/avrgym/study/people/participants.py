@@ -49,8 +49,8 @@ def enrol(
     """Enrol a person and return their pseudonym. Only the identity file contains name and contact.
 
     Orders are balanced within each ``site``; default: the design's site. ``language``: language of the texts, one of
-    the design's; default: its first. ``confirm_duplicate``: enrol the person although another participant has the same
-    name or contact.
+    the design's languages; default: the first. ``confirm_duplicate``: enrol the person although another participant has
+    the same name or contact.
 
     Raises:
         PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
@@ -119,7 +119,7 @@ def set_identity(
 
 
 def participant_texts(store: Store, participant: Participant) -> Texts:
-    """The texts in the participant's language. Raises ``StudyError`` if there are none."""
+    """The texts in the participant's language. Raises ``StudyError`` if this language has no texts."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
     except TextsError as error:

@@ -1,7 +1,7 @@
 """Freeze the plan of a study before the first participant, and prove its date.
 
 ``plan-frozen.json`` contains plan, design and texts with all checksums and versions. The database contains an event
-with its SHA-256. The plan is confirmatory in two cases: this event is older than the first participant and the
+with the file's SHA-256. The plan is confirmatory in two cases: this event is before the first session and the
 database was not rebuilt, or a trusted time stamp is older than all recordings. Otherwise, all results are exploratory.
 """
 
@@ -39,7 +39,7 @@ from avrgym.vr.session.attempt import versions
 FROZEN = "plan-frozen.json"
 PLAN_FROZEN = "plan frozen"
 PLAN_ADOPTED = "plan adopted"
-"""Names of events. Their detail is the record's SHA-256. An adopted plan was frozen at another station."""
+"""Names of events. The event's detail is the record's SHA-256. An adopted plan was frozen at another station."""
 FORMAT = "avrgym frozen plan 1"
 
 

@@ -111,7 +111,7 @@ def _refuse_other(path: Path, data: bytes) -> None:
 
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
-    """The stored time stamp; ``None`` if there is none. Raises ``StudyError`` if it does not belong to this record."""
+    """The stored time stamp; ``None`` if there is none. Raises ``StudyError`` for the time stamp of another record."""
     path = folder / TIME_STAMP
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
@@ -126,7 +126,7 @@ def read_registration(folder: Path) -> Registration | None:
 
 
 def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
-    """Verify an authority's response. Raises ``StudyError`` if it is not a valid time stamp of this record."""
+    """Verify an authority's response. Raises ``StudyError`` unless it is a valid time stamp of ``record``."""
     from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
 
     try:

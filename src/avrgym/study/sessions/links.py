@@ -1,4 +1,4 @@
-"""Session links for participants: a random link for each session. The study stores only its checksum."""
+"""Session links for participants: a random link for each session. The study stores only the link's checksum."""
 
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage import hash_chain, schema
@@ -36,7 +36,7 @@ def session_links(store: Store) -> SessionLinks:
 
 
 def _language(store: Store, participant: Participant) -> Language:
-    """The participant's language; English if the study has no texts in this language."""
+    """The message with the participant's language; English if the study has no texts in this language."""
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:

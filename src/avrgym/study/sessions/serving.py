@@ -133,7 +133,7 @@ class StudySessions:
         return self._session is None or self._session.at_rest
 
     def welcome(self, send: Send, role: Role, now_s: float) -> None:
-        """Send the current state to a client, immediately and at the start of each session."""
+        """Send the current state to a client, immediately and at the start of each later session."""
         self._clients.append((send, role))
         self._welcome(send, role, now_s)
 

@@ -1,7 +1,7 @@
 """Dry run of a study: simulated participants use the same sessions, database and recordings as people.
 
 Each participant runs in a separate process, in simulated time. After each trial, the participant leaves VR, returns
-and is calibrated again. Results therefore depend on the seeds only, not on the point at which an earlier run ended.
+and is calibrated again. Results therefore depend only on the seeds, and not on when an earlier run was interrupted.
 """
 
 import socket

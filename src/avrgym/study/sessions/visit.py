@@ -95,7 +95,7 @@ class StudyVisit:
 
     @property
     def language_message(self) -> Language:
-        """The message with the participant's language and the texts of their page."""
+        """The message with the participant's language and the texts of the participant's page."""
         return language_message(self.texts)
 
     @property
@@ -315,7 +315,7 @@ class EventStorage:
     def __init__(
         self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
     ) -> None:
-        """Store events of this session; ``trials`` are in the order of its plan."""
+        """Store events of this session. ``trials``: in the order of the session's plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
@@ -323,7 +323,7 @@ class EventStorage:
         self._torso_height_m: float | None = None
 
     def __call__(self, event: SessionEvent) -> None:
-        """Store an event. It is on disk when this method returns."""
+        """Store an event. The event is on disk when this method returns."""
         if self._watch.ended_elsewhere:
             return
         match event:

@@ -1,4 +1,4 @@
-"""List and remove the files of an analysis. Other files in its folder are never replaced or removed."""
+"""List and remove the files of an analysis. Other files in the analysis folder are never replaced or removed."""
 
 import json
 import shutil
@@ -9,7 +9,7 @@ FOLDER = "analysis"
 """Default folder of an analysis, relative to the study's folder."""
 RESULTS = "results.json"
 UNFINISHED_PREFIX = ".analysis-"
-"""Prefix of an analysis' temporary folder. It remains if the analysis is killed."""
+"""Prefix of an analysis' temporary folder. The folder remains if the analysis is killed."""
 FORMAT_NAME = "avrgym analysis"
 
 

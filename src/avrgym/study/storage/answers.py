@@ -1,4 +1,4 @@
-"""Store answers to questionnaires. If an answer is changed, an event contains its earlier value."""
+"""Store answers to questionnaires. If an answer is changed, an event contains the earlier value."""
 
 import math
 from collections import Counter
@@ -29,7 +29,7 @@ ANSWER_CHANGED = "answer changed"
 ANSWERED = "answered"
 """Event of an answer about a session: its name is this word and the moment, and its detail is the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
-"""Names of events: a trial was completed with unanswered items; the experimenter skipped these items."""
+"""Names of two events: a trial was completed with unanswered items; the experimenter skipped these items."""
 
 
 def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
@@ -113,7 +113,7 @@ def answer_moments(
 
 
 def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
-    """Ids of a session and of the interrupted sessions directly before it; together they are one visit.
+    """Ids of a session and of the interrupted sessions directly before it. Together, these sessions are one visit.
 
     ``sessions``: all sessions of a participant, in order.
     """

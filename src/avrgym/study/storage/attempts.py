@@ -1,4 +1,4 @@
-"""Attempts at trials. Each attempt has one recording. If it does not complete its trial, another attempt follows."""
+"""Attempts at trials. Each attempt has one recording. After an incomplete attempt, another attempt follows."""
 
 import hashlib
 import math
@@ -53,8 +53,8 @@ def begin_attempt(
         store: the study.
         session_id: an open session.
         position: position of a planned or skipped trial.
-        recording: the opened file in the session's folder; default: the next free name. The folder is created, the
-            file is not.
+        recording: the opened file in the session's folder; default: the next free name. A missing folder is
+            created, a missing file is not.
         torso_height_m: torso height of the simulated body, if known.
 
     Raises:
@@ -126,7 +126,7 @@ def finish_attempt(
 ) -> None:
     """End an attempt within a transaction. Its trial is completed or planned again.
 
-    ``closed``: no process writes the recording; its checksum is then stored.
+    ``closed``: no process writes the recording; the recording's checksum is then stored.
     """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)

@@ -1,4 +1,4 @@
-"""The audit log of a study: actions and views, with the person. Entries are only appended.
+"""The audit log of a study: each action and view, and the person. Entries are only appended.
 
 Entries contain no names of participants, no notes and no reasons. The hash chain reveals changed and deleted entries.
 """

@@ -9,7 +9,7 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 PARTICIPATION_CONFIRMED = "participation confirmed"
-"""Name of the event that the experimenter confirmed a participant's consent from other records."""
+"""Name of the event: the experimenter confirmed from other records that a participant consented."""
 
 
 def describe_data_loss(store: Store) -> tuple[str, ...]:

@@ -85,7 +85,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """Context manager: a write transaction. It is committed to disk at the end, or rolled back after an error.
+        """Context manager: a write transaction, which is committed at the end, or rolled back after an error.
 
         Rows must be written with the functions of ``hash_chain``. Write transactions never overlap.
         """

@@ -1,9 +1,9 @@
 """Hash chain over all rows of a study (table ``ledger``). It reveals changes by other programs.
 
-Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row; for a deleted
-row, it contains none. The entry's digest covers the digest of the previous entry. Another program made a change if a
-row differs from its latest entry, if a row has no entry, if an entry has no row, or if the digests do not match. Rows
-contain a random salt. The checksum of a deleted row therefore reveals nothing about its contents.
+Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row; the entry of
+a deleted row contains none. The entry's digest covers the digest of the previous entry. Another program made a change
+if a row differs from its latest entry, if a row has no entry, if an entry has no row, or if the digests do not match.
+Rows contain a random salt. The checksum of a deleted row therefore reveals nothing about its contents.
 
 The chain has no secret. If another program recomputes all digests, only an earlier head that is stored elsewhere
 reveals this.

@@ -140,7 +140,7 @@ _NEW = f"{FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
-    """Path of the identity file: of the encrypted file, or of the unencrypted one if only that exists."""
+    """Path of the identity file: the encrypted file, or the unencrypted file if only this file exists."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
 

@@ -5,8 +5,9 @@ was last closed. A head is written after its transaction is on disk. If the chai
 copy replaced the database.
 
 ``study.db.sha256`` contains the checksum of SQLite's file in the format of ``sha256sum``. It exists only while no
-process writes: it is removed before each write, and written when the writer closes the database. If a writer finds
-another checksum, it renames the file to ``study.db.sha256.mismatch``. The user must find the cause and remove it.
+process writes: it is removed before each write, and written when the writer closes the database. If the database has
+another checksum, the writer renames the file to ``study.db.sha256.mismatch``. The user must find the cause and remove
+this file.
 """
 
 import os

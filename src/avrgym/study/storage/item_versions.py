@@ -106,7 +106,7 @@ class ItemCatalogue:
         return version
 
     def add(self, questionnaire: Questionnaire) -> None:
-        """Add a questionnaire. If it exists, add new items and moments to it."""
+        """Add a questionnaire. If its name exists, only add its new items and moments."""
         known = self.questionnaires.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
@@ -130,7 +130,7 @@ class ItemCatalogue:
 
 
 def version_name(name: str, version: int) -> str:
-    """Name of a version. The first version has the name in the design."""
+    """Name of a version of an item or questionnaire. The first version has the same name as in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 

@@ -2,8 +2,8 @@
 
 ``participation.jsonl`` survives the loss of the database, so withdrawals, exclusions and deletions are not lost. An
 entry is written before its transaction is committed: a crash between the two loses no withdrawal. The digest of each
-entry covers the previous entry, and the user's key signs it (hash chain). After the deletion of a participant, the
-contents of the participant's entries are erased, but not their checksums and digests.
+entry covers the previous entry (hash chain), and the user's key signs each digest. After the deletion of a participant,
+the contents of the participant's entries are erased, but not their checksums and digests.
 """
 
 import os
@@ -31,9 +31,9 @@ FINAL_STATES = ("withdrawn", "excluded", DELETED)
 """Final states. If the database lacks such a state, it is restored from the list."""
 LIST_BEGUN, LIST_COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
-"""Name of the event that a lost database was rebuilt from the recordings.
+"""Name of the event: a lost database was rebuilt from the recordings.
 
-An entry without a participant contains one of these three events.
+An entry without a participant contains ``LIST_BEGUN``, ``LIST_COMPARED`` or ``REBUILT``.
 """
 
 Content = Mapping[str, Any]
@@ -55,7 +55,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Participation:
     """Contents of a participation list.
 
-    ``fault``: the reason why it is invalid, such as "is empty"; empty for a valid list.
+    ``fault``: why the list is invalid, such as "is empty"; empty for a valid list.
     """
 
     entries: tuple[Entry, ...]

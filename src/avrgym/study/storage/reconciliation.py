@@ -26,9 +26,9 @@ from avrgym.study.storage.participation import (
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
 STATE_RESTORED = "participation restored"
-"""Name of the event that a final state was restored from the participation list."""
+"""Name of the event: a final state was restored from the participation list."""
 STUDY_SET_BACK = "participation list set back"
-"""Name of the event that the study is older than the last copy that this computer has opened."""
+"""Name of the event: the study is an older copy than the last one that this computer opened."""
 _COLUMNS = (
     "simulated",
     "site",
@@ -48,7 +48,7 @@ Contents = Mapping[int, Content]
 
 
 def participant_values(content: Content) -> dict[str, Any]:
-    """The values of a participant's row that the list contains, without the state."""
+    """The values for a participant's row in the content of an entry, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
 
@@ -112,7 +112,7 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """Contents of entries about participants and deleted participants; with numbers, only about these."""
+    """Contents of entries about participants and deleted participants. Numbers select some of them; default: all."""
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
     found = {
@@ -231,7 +231,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
 def _restore(connection: sa.Connection, number: int, content: Content) -> None:
     """Store a final state that only the list contains.
 
-    In an older copy of the database, a deleted participant becomes withdrawn until they are deleted again.
+    If the database still contains a deleted participant, the participant becomes withdrawn until the next deletion.
     """
     rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
     if rows:

@@ -57,7 +57,7 @@ class Participant:
         return pseudonym_of(self.number)
 
     def must_reconsent(self, version: str) -> bool:
-        """Whether the participant can have sessions, but accepted another version of the consent text."""
+        """Whether the participant is in the study and accepted another consent text than this version."""
         return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
 
     @property
@@ -174,7 +174,7 @@ class GivenAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True)
 class StudyEvent:
-    """A stored event; participant, session and attempt are ``None`` if the event does not concern them."""
+    """A stored event; ``participant``, ``session`` and ``attempt`` are ``None`` if the event has none."""
 
     id: int
     at: str

@@ -32,7 +32,7 @@ def now() -> str:
 
 
 def new_salt() -> str:
-    """A random salt for a row, so that the checksum of a deleted row reveals nothing about its contents."""
+    """A random salt for a row. With it, the checksum of a deleted row reveals nothing about the row's contents."""
     return token_hex(16)
 
 
@@ -141,7 +141,7 @@ ATTEMPT = Table(
     _salt(),
     UniqueConstraint("trial", "number"),
 )
-"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m`` is that of the simulated body.
+"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m``: torso height of the simulated body.
 
 The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """

@@ -96,7 +96,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """The questionnaires, and one more with the recorded items that no questionnaire after trials contains."""
+    """The questionnaires, and one more for recorded items that are in no questionnaire after trials."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
@@ -168,7 +168,7 @@ def design_from_row(row: StoredDesign) -> Design:
 
 
 def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """A function that translates sentences of a design with stored wordings, or else with the study's current texts."""
+    """A function that translates a design's sentences, by stored ``wordings`` or else by the study's current texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
         return lambda sentence: known.get(normalize_whitespace(sentence), sentence)

@@ -63,7 +63,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
 
 
 def check_consent(store: Store, participant: Participant) -> None:
-    """Raise ``StudyError`` if the participant agreed to another version of the consent text than the current one."""
+    """Raise ``StudyError`` if the participant must agree to the current version of the consent text."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
         raise StudyError(
@@ -121,7 +121,7 @@ def record_session_event(
 
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
-    """Store the result of a headset check. The session's row contains the latest result, events contain all."""
+    """Store the result of a headset check. The session's row contains the latest result, events contain all results."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))

@@ -36,7 +36,7 @@ class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
 
 
 def user_key() -> Ed25519PrivateKey | None:
-    """The user's signing key. A missing key is created. ``None`` if it can be neither read nor written."""
+    """The user's signing key. A missing key is created. ``None`` if no key can be read or written."""
     try:
         return _key_in(user_data_folder())
     except (OSError, ValueError):

@@ -13,9 +13,9 @@ from avrgym.study.storage.store import find_all
 
 PEOPLE_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
 SITE_DIFFERS = "site differs"
-"""Name of the event that studies with a difference were merged; its detail is the difference."""
+"""Name of the event: studies with a difference were merged. The event's detail is the difference."""
 RECORDING_LEFT_OUT = "recording left out"
-"""Name of the event that a damaged or missing recording was omitted; its detail is the reason."""
+"""Name of the event: a damaged or missing recording was omitted. The event's detail is the reason."""
 
 
 def merged_participant_number(site: int, number: int) -> int:

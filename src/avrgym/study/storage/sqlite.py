@@ -71,7 +71,7 @@ def faults(connection: sa.Connection) -> list[str]:
 
 
 def erase_traces(path: Path) -> None:
-    """Rewrite the file without the contents of deleted rows. Raises ``StudyError`` if another process uses it."""
+    """Rewrite the file without the contents of deleted rows. Raises ``StudyError`` if another process uses the file."""
     with closing(sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)) as connection:
         connection.execute("PRAGMA secure_delete = ON")
         connection.execute("VACUUM")
@@ -83,7 +83,7 @@ def erase_traces(path: Path) -> None:
 
 
 def back_up(source: Path, target: Path) -> None:
-    """Copy a database. Other processes may use it."""
+    """Copy a database. Other processes may use the database at the same time."""
     open(target, "xb", opener=private_opener).close()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         old.backup(new)

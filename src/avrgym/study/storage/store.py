@@ -85,7 +85,7 @@ def create_study(folder: Path) -> Path:
 
 
 class Store:
-    """An open study. Its methods read rows; the packages ``people`` and ``sessions`` change them.
+    """An open study. Methods of this class read rows; the packages ``people`` and ``sessions`` change rows.
 
     ``folder``: the study's folder. ``station``: name of this computer. A study in a read-only folder can be read.
     Methods are thread-safe.
@@ -282,7 +282,7 @@ def _can_write(folder: Path) -> bool:
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
-    """The first row with these values. Raises ``StudyError`` if there is none; ``what`` describes the row."""
+    """The first row with these values. Raises ``StudyError`` if there is none; ``what`` names it in the message."""
     rows = find_all(connection, kind, **key)
     if not rows:
         raise StudyError(f"there is no {what} in this study; `avrgym study status` lists its participants")
