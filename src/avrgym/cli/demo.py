@@ -15,7 +15,8 @@ def demo(
 ) -> None:
     """Run a simulated session and write a 3D replay of each trial.
 
-    The session has all four tasks, with both robots. It takes about two minutes.
+    The session has a trial of feeding, drinking, itch scratching and bed bathing each, with Jaco or PR2. It takes about
+    two minutes.
     """
     from avrgym.demo import run_demo
 

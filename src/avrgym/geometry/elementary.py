@@ -3,10 +3,11 @@
 NumPy and BLAS choose an implementation for the processor. Results of these implementations differ in the last bit, and
 contacts amplify this difference to centimetres. The functions here use only sums, products, quotients and square roots
 in a fixed order. IEEE 754 defines their results to the last bit. Arguments are first reduced with constants in several
-parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980); then Taylor series are summed. Arguments
-are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last place of 1,
-or of the result if it is larger than 1. Errors of powers increase with the result's logarithm. For arrays of other
-libraries than NumPy, the functions call those of the array's library.
+parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980); then Taylor series are summed.
+
+Arguments are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last
+place of 1, or of the result if it is larger than 1. Errors of powers increase with the result's logarithm. For arrays
+of other libraries than NumPy, the functions call those of the array's library.
 """
 
 import hashlib

@@ -128,8 +128,9 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
 
 def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
     """Returns the records before the first damage, whether the file is undamaged, and the offset after the last intact
-    data record. All messages are in chunks with checksums. A message outside a chunk is therefore a damaged record of
-    another type.
+    data record.
+
+    All messages are in chunks with checksums. A message outside a chunk is therefore a damaged record of another type.
     """
     records: list[mcap_records.McapRecord] = []
     end_of_data, ended = 0, False

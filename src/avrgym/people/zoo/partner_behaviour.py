@@ -6,10 +6,11 @@ interpolate between the targets of control steps, see ``Simulation.command_perso
 Limits of unhurried people:
 
 - head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s. The acceleration is a quarter of that of
-running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988);
+  running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988);
 - arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
-Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with minimum
-jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985); - waist 0.35 rad/s and 2 rad/s²: our assumption.
+  Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with
+  minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
+- waist 0.35 rad/s and 2 rad/s²: our assumption.
 
 Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
 (Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
