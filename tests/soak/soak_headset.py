@@ -38,7 +38,7 @@ MEASURED_S = 15.0
 @pytest.fixture
 def long_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     """Extend the timeout: software rendering of a room takes many seconds."""
-    monkeypatch.setattr(emulated_headset, "PATIENCE_S", 600.0)
+    monkeypatch.setattr(emulated_headset, "TIMEOUT_S", 600.0)
 
 
 class MeasuringClient(BrowserClient):
