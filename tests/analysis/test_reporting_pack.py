@@ -312,6 +312,8 @@ def test_the_numbers_of_values_are_those_of_each_group(analysis: Analysis) -> No
     unpaired = [row for row in rows if row.test == "Mann-Whitney"]
     assert unpaired
     assert {n_text(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
+    of_equal_size = replace(unpaired[0], n_a=20, n_b=20, n=40)
+    assert n_text(of_equal_size) == "20 / 20"
     for row in rows:
         if row.test != "Mann-Whitney" and row.n_a == row.n_b:
             zeros = f" + {row.zeros} zero" if row.zeros else ""

@@ -13,6 +13,7 @@ from avrgym.analysis.page.elements import (
     tag,
 )
 from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
+from avrgym.analysis.statistics.tests import MANN_WHITNEY
 
 TestTables = dict[str, Markup]
 """Tables of tests by caption. A report section removes a table from this dictionary when it shows the table."""
@@ -80,9 +81,9 @@ def p_primary_text(p_primary: float | None) -> str:
 def n_text(row: ComparisonRow) -> str:
     """Returns the number of values as text.
 
-    Groups of different sizes: the size of each group. Otherwise: the number of values, and of omitted zero differences.
+    Unpaired groups: the size of each. Pairs: the number of values, and of omitted zero differences.
     """
-    if row.n_a != row.n_b:
+    if row.n_a != row.n_b or row.test == MANN_WHITNEY:
         return f"{row.n_a} / {row.n_b}"
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
 

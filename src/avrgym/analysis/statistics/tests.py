@@ -23,6 +23,7 @@ EXACT_SIGNED_RANK = 50
 EXACT_RANK_SUM = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
+MANN_WHITNEY = "Mann-Whitney"
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
@@ -112,7 +113,7 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     positive if ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
-    test, n = "Mann-Whitney", len(a) + len(b)
+    test, n = MANN_WHITNEY, len(a) + len(b)
     if not len(a) or not len(b):
         return StatisticalTest(test, n, note="there is nothing to compare")
     pooled = np.concatenate([a, b])

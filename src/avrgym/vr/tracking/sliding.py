@@ -23,10 +23,10 @@ SAMPLES_PER_SECOND = 11
 STEADY_RADIUS_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
 """If a resting head is farther than this from the simulated head, the participant has slid."""
-MAX_DISTANCE_M = 0.6
-MAX_SHIFT_M = 0.1
-"""A participant has left the seat if they are farther than ``MAX_DISTANCE_M`` from the rest position, or higher than
-``MAX_SHIFT_M`` above it."""
+MAX_SHIFT_M = 0.6
+MAX_RISE_M = 0.1
+"""A participant has left the seat if they are farther than ``MAX_SHIFT_M`` from the rest position, or higher than
+``MAX_RISE_M`` above it."""
 GLIDE_SPEED_M_S = 0.05
 """Speed of the room. It is low because everything visible moves."""
 
@@ -63,7 +63,7 @@ class SlidingMonitor:
         ):
             return None
         error_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
-        if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_SHIFT_M:
+        if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_RISE_M:
             return None
         return self._glide(head)
 
@@ -92,7 +92,7 @@ class SlidingMonitor:
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
         shift_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
-        if not SLIDING_THRESHOLD_M < shift_m <= MAX_DISTANCE_M:
+        if not SLIDING_THRESHOLD_M < shift_m <= MAX_SHIFT_M:
             return None
         self.reset()
         return Glide(-shift_m * direction, shift_m / GLIDE_SPEED_M_S)
