@@ -15,6 +15,7 @@ from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.summary import summarise_results
+from avrgym.study.dashboard.views import participant_view
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
@@ -352,6 +353,19 @@ def test_bids_export_describes_its_values(study: Store, tmp_path: Path) -> None:
             item = next(each for each in study.design.items if column.endswith(each))
             least, most, points = scale_of(item)
             assert (next(iter(levels)), list(levels)[-1], len(levels)) == (str(least), str(most), points)
+
+
+def test_dashboard_shows_each_score_with_its_range(study: Store, out: Path) -> None:
+    scores = read(out / "analysis" / "tables" / "scores.csv").query("participant == 'sub-001'")
+    shown = {
+        (each.moment, each.position, each.scale): each for each in participant_view(study, "sub-001").scores
+    }
+    assert len(shown) == len(scores)
+    for row in scores.itertuples():
+        position = None if pd.isna(row.position) else int(row.position)
+        seen = shown[row.moment, position, row.scale]
+        assert (seen.minimum, seen.maximum) == (row.minimum, row.maximum)
+        assert seen.score == pytest.approx(row.score, nan_ok=True)
 
 
 def test_dashboard_shows_means_on_the_scales_of_instruments(study: Store, out: Path) -> None:

@@ -81,8 +81,8 @@ export interface Score {
   instrument: string;
   scale: string;
   score: number | null;
-  least: number;
-  most: number;
+  minimum: number;
+  maximum: number;
 }
 
 /** A report of an adverse event; `trial` is the position of a trial. */

@@ -112,7 +112,7 @@ export function scoresTable(scores: Score[]): Table {
       each.position === null ? each.moment.replace("_", " the ") : `after trial ${each.position}`,
       `${each.instrument}: ${each.scale}`,
       each.score === null ? "answers missing" : String(Math.round(100 * each.score) / 100),
-      `${each.least} to ${each.most}`,
+      `${each.minimum} to ${each.maximum}`,
     ]),
   };
 }

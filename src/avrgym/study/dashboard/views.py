@@ -107,8 +107,8 @@ class ScoreView:
     instrument: str
     scale: str
     score: float | None
-    least: float
-    most: float
+    minimum: float
+    maximum: float
 
 
 @dataclass(frozen=True)
