@@ -1,9 +1,9 @@
-"""Pictures of environments in the middle of an episode, the robot led by its oracle, as the VR client draws them.
+"""Pictures of environments in the middle of an episode. The oracle controls the robot, and the VR client draws.
 
     python scripts/figures/pictures.py docs/pictures [ENVIRONMENT_ID…]
 
-It needs the built client and Chromium, in which three.js tells its developer tools of the renderer: that is how these
-pictures get a camera of their own.
+It needs the built client and Chromium. The client's renderer is available through the event ``observe`` of three.js's
+developer tools, which gives these pictures their own camera.
 """
 
 import sys
@@ -54,9 +54,9 @@ class Camera:
     inside: bool
 
 
-def beside(eye: tuple[float, float, float], at: tuple[float, float, float]) -> Camera:
+def beside(eye: ArrayLike, at: ArrayLike) -> Camera:
     """A bystander's view."""
-    return Camera(list(eye), list(at), [0.0, 0.0, 1.0], 42.0, inside=False)
+    return Camera(_numbers(eye), _numbers(at), [0.0, 0.0, 1.0], 42.0, inside=False)
 
 
 BYSTANDERS = {
@@ -77,11 +77,8 @@ def bystander(task: str, robot: str) -> Camera:
     """The view of a bystander; by default that of the task."""
     if (task, robot) in BYSTANDERS:
         return BYSTANDERS[task, robot]
-    views, on_floor = TASKS[task].views, TASKS[task].scene(ROBOTS[robot]).mount.on_floor
-    at, distance_m, azimuth_deg, elevation_deg = views.on_floor if on_floor else views.mounted
-    around, up = np.radians([azimuth_deg, elevation_deg])
-    ahead = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-    return Camera(_numbers(at - distance_m * ahead), _numbers(at), [0.0, 0.0, 1.0], 42.0, inside=False)
+    view = TASKS[task].views.of_mount(TASKS[task].scene(ROBOTS[robot]).mount)
+    return beside(view.camera_pos_w, view.look_at_w)
 
 
 OWN_CAMERA = """

@@ -97,6 +97,18 @@ def test_many_worlds_see_what_each_alone_sees(mode: str):
 
 
 @needs_graphics
+def test_cloth_is_drawn_where_it_is_simulated():
+    episodes = Episodes("avrgym/DressingJaco-v1", 1, people="revised", num_threads=1)
+    episodes.reset(np.arange(1), [np.random.default_rng(0)])
+    episodes.step(np.zeros((1, episodes.action_size)))
+    episodes.images([CameraSpec(SCENE)])
+    (model,) = episodes._images._models.values()  # pyright: ignore
+    cloth_w = episodes.state().cloth_pos_w
+    assert cloth_w is not None
+    assert_allclose(model._data.flexvert_xpos, cloth_w[0], atol=1e-9)
+
+
+@needs_graphics
 def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
     episodes = Episodes(FEEDING, 2, people="revised", num_threads=1)
     episodes.reset(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
@@ -105,7 +117,7 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
     for world in range(2):
         depth, labels = images["wrist_depth"][world], images["wrist_segmentation"][world]
         model = episodes._images._models[episodes.person_in(world).sex]  # pyright: ignore
-        model.show(episodes, world)
+        model.show(episodes, world, episodes.person_in(world))
         data, number = model._data, model.model.camera(WRIST).id
         food_w = episodes.state().particle_pos_w[world]
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.cameras import add_surroundings, visible_groups
+from avrgym.models.cameras import add_surroundings, update_positions, visible_groups
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
 from avrgym.models.scene import build_spec
-from avrgym.system.mujoco_setup import RENDERING_HINT
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
@@ -55,16 +54,12 @@ class Camera:
         if first_person:
             _hide_head(self._model)
         else:
-            views = episodes.task.views
-            self._viewpoint = _camera(views.on_floor if scene.mount.on_floor else views.mounted)
+            self._viewpoint = _camera(episodes.task.views.of_mount(scene.mount))
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:
         """Returns an image (``height_px``, ``width_px``, 3) of the current state."""
-        self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_flex(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        update_positions(self._model, self._data, self._episodes.simulation.qpos(self._world))
         self._renderer.update_scene(self._data, self._viewpoint, visible_groups())
         self._add_marks()
         return self._renderer.render()
@@ -152,9 +147,7 @@ def _camera(view: View) -> mujoco.MjvCamera:
 
 
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
-    from avrgym.tasks.camera_images import graphics_error  # states alone load no renderer
+    from avrgym.tasks.camera_images import check_graphics  # states alone load no renderer
 
-    error = graphics_error()
-    if error is not None:
-        raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
+    check_graphics()
     return mujoco.Renderer(model, height_px, width_px)

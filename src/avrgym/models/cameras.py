@@ -206,6 +206,14 @@ def add_surroundings(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
 
 
+def update_positions(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -> None:
+    """Compute the positions of everything that a renderer draws, cloth included, from joint positions (nq,)."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_flex(model, data)
+    mujoco.mj_camlight(model, data)
+
+
 def visible_groups() -> mujoco.MjvOption:
     """Returns MuJoCo's rendering options that show visual geoms only."""
     option = mujoco.MjvOption()

@@ -25,13 +25,13 @@ from avrgym.models.cameras import (
     add_cameras,
     add_surroundings,
     image_entries,
+    update_positions,
     visible_groups,
 )
 from avrgym.models.human import Person
 from avrgym.models.human_shape import add_appearance
 from avrgym.models.scene import TOOL, build_spec
 from avrgym.system.mujoco_setup import RENDERING_HINT
-from avrgym.tasks.task import View
 
 if TYPE_CHECKING:
     from avrgym.tasks.episodes import Episodes
@@ -71,8 +71,9 @@ class CameraImages:
         }
         with self._graphics():
             for row, world in enumerate(chosen):
-                model = self._model_of(self._episodes.person_in(world))
-                model.show(self._episodes, world)
+                person = self._episodes.person_in(world)
+                model = self._model_of(person)
+                model.show(self._episodes, world, person)
                 for camera in self.cameras:
                     model.render(camera, {kind: found[f"{camera.name}_{kind}"][row] for kind in camera.kinds})
         return found
@@ -95,9 +96,7 @@ class CameraImages:
         """Returns a context manager that makes the graphics context current. The first call creates the graphics
         context."""
         if self._context is None:
-            error = graphics_error()
-            if error is not None:
-                raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
+            check_graphics()
             self._context = _owned_context()(*self._size_px)
         return self._context.as_current()
 
@@ -126,10 +125,8 @@ class _SexModel:
         scene = episodes.scene
         spec = build_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
         add_surroundings(spec)
-        views = episodes.task.views
-        add_cameras(
-            spec, scene, _fixed_view(views.on_floor if scene.mount.on_floor else views.mounted), cameras
-        )
+        view = episodes.task.views.of_mount(scene.mount)
+        add_cameras(spec, scene, FixedView(view.camera_pos_w, np.array(view.look_at_w)), cameras)
         self.model = model = spec.compile()
         self._data = mujoco.MjData(model)
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
@@ -145,18 +142,15 @@ class _SexModel:
         self._people: dict[PersonKey, dict[str, NumpyArray]] = {}
         self._skins = _skin_rows(model)
 
-    def show(self, episodes: "Episodes", world: int) -> None:
-        """Copy the person and the body poses of a world to the model."""
-        person = episodes.person_in(world)
+    def show(self, episodes: "Episodes", world: int, person: Person) -> None:
+        """Copy a world's person and body poses to the model."""
         key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone)
         if key != self._shown:
             self._set_person(key, person, episodes)
         model, batch = self.model, episodes.simulation.batch
         model.body_pos[:] = batch.expand("body_pos")[world]
         model.body_quat[:] = batch.expand("body_quat")[world]
-        self._data.qpos[:] = episodes.simulation.qpos(world)
-        mujoco.mj_kinematics(model, self._data)
-        mujoco.mj_camlight(model, self._data)
+        update_positions(model, self._data, episodes.simulation.qpos(world))
 
     def _set_person(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
         """Set the size and skin tone of the model's person."""
@@ -233,6 +227,13 @@ def _owned_context() -> Any:
     return type("_OwnedContext", (mujoco.GLContext,), {"__del__": ignore})
 
 
+def check_graphics() -> None:
+    """Raises ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
+    error = graphics_error()
+    if error is not None:
+        raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
+
+
 @cache
 def graphics_error() -> str | None:
     """Returns the reason why nothing can be rendered, or ``None`` if rendering works.
@@ -246,14 +247,6 @@ def graphics_error() -> str | None:
     except Exception as error:  # each graphics library has exceptions of its own
         return f"{type(error).__name__}: {error}"
     return None
-
-
-def _fixed_view(view: View) -> FixedView:
-    """Position and target of a view; its angles are those of MuJoCo's free camera."""
-    azimuth, elevation = np.radians([view.azimuth_deg, view.elevation_deg])
-    forward = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    target_w = np.array(view.look_at_w)
-    return FixedView(target_w - view.distance_m * np.array(forward), target_w)
 
 
 def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import JOINTS, People
-from avrgym.models.robot import Robot
+from avrgym.models.robot import Mount, Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
@@ -99,6 +99,14 @@ class View(NamedTuple):
     azimuth_deg: float
     elevation_deg: float
 
+    @property
+    def camera_pos_w(self) -> FloatArray:
+        """Position of the camera (3,), world frame. The angles are those of MuJoCo's free camera."""
+        azimuth, elevation = np.radians([self.azimuth_deg, self.elevation_deg])
+        across = np.cos(elevation)
+        forward = np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
+        return np.array(self.look_at_w) - self.distance_m * forward
+
 
 BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
 """The view of a robot on the floor that brings a tool to the mouth of a person in the wheelchair."""
@@ -110,6 +118,10 @@ class Views(NamedTuple):
 
     mounted: View
     on_floor: View
+
+    def of_mount(self, mount: Mount) -> View:
+        """Returns the view of a robot with this mount."""
+        return self.on_floor if mount.on_floor else self.mounted
 
 
 @dataclass(frozen=True)
