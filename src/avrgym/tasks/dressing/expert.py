@@ -4,8 +4,6 @@ The target depends on the present state only. The opening faces along the arm; i
 and elbow. The robot's hand is on the outer side of the person's arm.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from avrgym.array_types import FloatArray
@@ -14,7 +12,7 @@ from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
-from avrgym.tasks.dressing.reward import SHOULDER_REACH_M, ArmPath, arm_path, is_dressed
+from avrgym.tasks.dressing.reward import SHOULDER_REACH_M, ArmPath, arm_path, is_dressed, nearest_on_path
 from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
@@ -36,17 +34,6 @@ PAST_SHOULDER_M = 0.04
 behind."""
 
 
-class PathPosition(NamedTuple):
-    """Position of a tool relative to the arm.
-
-    ``at_m`` (N,): distance from the hand's centre along the arm, negative before the hand. ``offset_w`` (N, 3): offset
-    from the arm's axis.
-    """
-
-    at_m: FloatArray
-    offset_w: FloatArray
-
-
 def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines on which side of the arm
     the robot's hand is."""
@@ -61,8 +48,8 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     """Next tool pose and speed along the arm. The tool stops if the arm is dressed or the force is too high."""
     path = arm_path(state)
     end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
-    here = _path_position(planner.pos_w, path)
-    beside_m = norm(here.offset_w)
+    here = nearest_on_path(planner.pos_w, path, extended=True)
+    beside_m = norm(planner.pos_w - here.point_w)
     wait_m = -BEND_M - LATERAL_GAIN * np.maximum(beside_m - CENTRED_M, 0.0)
     before = here.at_m < 0.0
     limit_m = np.where(before & (beside_m > CENTRED_M), wait_m, end_m)
@@ -75,17 +62,6 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     stays = is_dressed(task_state) | (force_share == 0.0)
     q_w = np.where(stays[:, None], planner.q_w, opening_rotation(planner.scene, along_w))
     return place_w, q_w, np.where(stays, 0.0, speed)
-
-
-def _path_position(pos_w: FloatArray, path: ArmPath) -> PathPosition:
-    """Returns positions (N, 3) relative to the arm. The first section of the path continues in front of the hand."""
-    ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
-    low = np.where(np.arange(3) == 0, -np.inf, 0.0)
-    inside_m = np.minimum(np.maximum(ahead_m, low), path.length_m)
-    offset_w = pos_w[:, None] - path.begin_w - inside_m[..., None] * path.along_w
-    row, section = np.arange(len(pos_w)), norm(offset_w).argmin(axis=-1)
-    at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
-    return PathPosition(at_m, offset_w[row, section])
 
 
 def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:

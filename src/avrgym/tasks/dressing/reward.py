@@ -68,6 +68,18 @@ class ArmPath(NamedTuple):
     end_m: FloatArray
 
 
+class PathPoint(NamedTuple):
+    """The points of the arms' paths that are nearest to other points.
+
+    ``point_w`` (N, 3): the nearest point. ``section`` (N,): its section. ``at_m`` (N,): its distance from the hand's
+    centre along the arm, negative in front of the hand.
+    """
+
+    point_w: FloatArray
+    section: IntArray
+    at_m: FloatArray
+
+
 class Opening(NamedTuple):
     """The opening on the arm: its centre (N, 3), the nearest section of the arm (N,), the distance of the nearest point
     from the hand's centre along the arm (N,), and whether the rim winds around the arm there (N,)."""
@@ -137,16 +149,29 @@ def arm_path(state: State) -> ArmPath:
 
 def opening_on_arm(state: State, path: ArmPath) -> Opening:
     """Returns the openings relative to the arms, at the section of the arm that is nearest to the opening's centre."""
-    xp, rim_w = namespace(state.cloth_pos_w), state.cloth_pos_w[:, :AROUND]
+    rim_w = state.cloth_pos_w[:, :AROUND]
     centre_w = rim_w.mean(axis=1)
-    ahead_m = ((centre_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
-    inside_m = xp.minimum(xp.maximum(ahead_m, xp.zeros_like(ahead_m)), path.length_m)
-    nearest_w = path.begin_w + inside_m[..., None] * path.along_w
-    section = norm(centre_w[:, None] - nearest_w).argmin(axis=-1)
+    nearest = nearest_on_path(centre_w, path)
+    axis_w = path.along_w[row_indices(nearest.section), nearest.section]
+    ahead_m = ((centre_w - path.begin_w[:, 0]) * path.along_w[:, 0]).sum(axis=-1)
+    around = winds_around(rim_w, nearest.point_w, axis_w) & (ahead_m > 0.0)
+    return Opening(centre_w, nearest.section, nearest.at_m, around)
+
+
+def nearest_on_path(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> PathPoint:
+    """Returns the points of the paths that are nearest to positions (N, 3).
+
+    With ``extended``, the first section continues in front of the hand.
+    """
+    xp = namespace(pos_w)
+    ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
+    lowest = constant_like(np.array([-np.inf if extended else 0.0, 0.0, 0.0]), pos_w)
+    inside_m = xp.minimum(xp.maximum(ahead_m, lowest), path.length_m)
+    points_w = path.begin_w + inside_m[..., None] * path.along_w
+    section = norm(pos_w[:, None] - points_w).argmin(axis=-1)
     row = row_indices(section)
-    along_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
-    around = winds_around(rim_w, nearest_w[row, section], path.along_w[row, section])
-    return Opening(centre_w, section, along_m, around & (ahead_m[:, 0] > 0.0))
+    at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
+    return PathPoint(points_w[row, section], section, at_m)
 
 
 def winds_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
