@@ -9,11 +9,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from avrgym.array_types import Float32Array, FloatArray, NumpyArray
+from avrgym.array_types import Float32Array
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, plain_seed
-from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, as_cameras, image_entries
+from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, Observed, as_cameras, image_entries
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import checked_actions
@@ -28,10 +28,6 @@ METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1
 def metadata_of(episodes: Episodes) -> dict[str, Any]:
     """Returns Gymnasium's metadata of an environment, with its control rate."""
     return {**METADATA, "render_fps": episodes.settings.control_hz}
-
-
-Observed = FloatArray | dict[str, NumpyArray]
-"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 
 
 def spaces_of(

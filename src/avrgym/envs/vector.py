@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
-from avrgym.envs.single import Observed, check_render_mode, metadata_of, spaces_of
+from avrgym.envs.single import check_render_mode, metadata_of, spaces_of
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import (
     RandomStreams,
@@ -25,7 +25,7 @@ from avrgym.envs.vector_conventions import (
     reset_mask,
     select_worlds,
 )
-from avrgym.models.cameras import STATE, AnyCamera, as_cameras
+from avrgym.models.cameras import STATE, AnyCamera, Observed, as_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array

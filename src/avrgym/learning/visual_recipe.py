@@ -153,8 +153,7 @@ class VisualRecipe:
             step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
             observation, success = step.observation, step.success
             returns += step.reward
-        arrays = (np.concatenate(each) for each in (observations, actions, images))
-        observed, acted, seen = arrays
+        observed, acted, seen = (np.concatenate(each) for each in (observations, actions, images))
         self._demonstrations.append(
             VisualDemonstration(observed.astype(np.float32), acted.astype(np.float32), seen)
         )
@@ -209,7 +208,7 @@ class VisualRecipe:
         schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
         for _ in range(steps):
             batch = torch.as_tensor(random.integers(len(rows), size=VISUAL.batch_size))
-            estimates = self._network(images[batch].permute(0, 3, 1, 2).float(), rows[batch])
+            estimates = self._network(_channels_first(images[batch]), rows[batch])
             acted = self._network.actions(rows[batch], estimates).clamp(-1.5, 1.5)
             loss = smooth_l1_loss(estimates, true[batch]) + VISUAL.action_weight * mse_loss(
                 acted, actions[batch]
@@ -220,5 +219,5 @@ class VisualRecipe:
             schedule.step()
 
 
-def _channels_first(image: NumpyArray) -> torch.Tensor:
+def _channels_first(image: NumpyArray | torch.Tensor) -> torch.Tensor:
     return torch.as_tensor(image).permute(0, 3, 1, 2).float()

@@ -12,7 +12,7 @@ import msgspec
 import mujoco
 import numpy as np
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.models import robot
 from avrgym.models.collision_bits import VISUAL_GROUP
@@ -29,6 +29,8 @@ LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
 STATE = "state"
 """In an observation with cameras: name of the entry that contains no image."""
+Observed = FloatArray | dict[str, NumpyArray]
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 SCENE_FOVY_DEG = 45.0
 WRIST_FOVY_DEG = 58.0
 """Vertical field of view of the depth camera of an Intel RealSense D435 (data sheet: 87° × 58°), which many hands

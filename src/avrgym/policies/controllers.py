@@ -15,18 +15,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrgym.array_types import FloatArray, NumpyArray
-from avrgym.models.cameras import AnyCamera
+from avrgym.array_types import FloatArray
+from avrgym.models.cameras import AnyCamera, Observed
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
 
 MAX_ERROR_LENGTH = 160
 """Maximum length of an exception's text in an error message, in characters."""
-
-
-Observed = FloatArray | dict[str, NumpyArray]
-"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 
 
 class Controller(Protocol):

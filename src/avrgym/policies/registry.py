@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, as_cameras
+from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, Observed, as_cameras
 from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
-from avrgym.policies.controllers import ExternalController, Observed
+from avrgym.policies.controllers import ExternalController
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies

@@ -1,5 +1,6 @@
 """Rebuild the world of a recording, and render its recorded states."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -44,13 +45,13 @@ def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iter
     """
     episodes = recorded_world(recording.configuration)
     size = len(episodes.simulation.integration_state())
-    states: list[list[float]] = []
+    states: deque[list[float]] = deque(maxlen=episodes.scene.substeps + 1)
     try:
         for topic, _, record in recording.messages:
             if topic == "/physics":
                 states.append(record.state)
             elif topic == "/control":
-                start = states[max(0, len(states) - 1 - episodes.scene.substeps)] if states else []
+                start = states[0] if states else []
                 if len(start) != size:
                     raise ValueError(
                         f"a recorded state has {len(start)} values, but a state of this scene has {size}"

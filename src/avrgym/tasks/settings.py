@@ -12,7 +12,6 @@ import numpy as np
 from msgspec import Meta
 
 from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
-from avrgym.models.scene import CONTROL_STEP_S
 
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
@@ -72,7 +71,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
                     raise _refusal(name, (x, y, yaw_deg), f"x and y up to ±{FARTHEST_M:g} m, yaw up to ±360°")
         within = np.abs(self.table_offset_m or (0.0, 0.0, 0.0)) <= LARGEST_TABLE_OFFSET_M
         if not within.all():
-            allowed = "x and y up to ±0.4 m, z up to ±0.1 m"
+            x_m, _, z_m = LARGEST_TABLE_OFFSET_M
+            allowed = f"x and y up to ±{x_m:g} m, z up to ±{z_m:g} m"
             raise _refusal("table_offset_m", self.table_offset_m, allowed)
         low, high = self.torso_height_m or TORSO_HEIGHT_RANGE_M
         lowest, highest = TORSO_HEIGHT_RANGE_M
@@ -90,7 +90,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     @property
     def control_step_s(self) -> float:
         """Duration of a control step."""
-        return CONTROL_STEP_S if self.control_hz == 10 else 1.0 / self.control_hz
+        return 1.0 / self.control_hz
 
     @property
     def changed(self) -> dict[str, Any]:
