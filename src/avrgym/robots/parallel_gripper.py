@@ -14,6 +14,8 @@ CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 
 """Rotation of a cup relative to a spoon: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: the washcloth's z axis is across the fingers."""
+OUT_ALONG_Z = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+"""Rotation of a spoon in a hand whose z axis points out of the hand, and whose y axis is across the fingers."""
 TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
     "cup": CUP_ROTATION,

@@ -1,15 +1,13 @@
 """The Gen3. ``gen3.xml`` contains the kinematics, ``rtb-data`` the meshes."""
 
-from functools import partial
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
-from avrgym.geometry import transforms
-from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
-from avrgym.models.robot import BaseRange, Mount, Robot, tuned_arm
-from avrgym.robots.parallel_gripper import parallel_grips
+from avrgym.models.robot import Robot, tuned_arm
+from avrgym.robots.mounts import on_furniture
+from avrgym.robots.parallel_gripper import OUT_ALONG_Z, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
@@ -34,8 +32,6 @@ _ARM = tuned_arm(
     speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
 )  # fmt: skip
 BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.142), 0.0192
-POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-"""Rotation of a tool in the hand: its x axis points out of the hand, its y axis is across the fingers."""
 
 
 def _fingers(opening_rad: float) -> dict[str, float]:
@@ -52,24 +48,11 @@ GEN3 = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts={
-        "wheelchair": Mount(
-            ON_WHEELCHAIR_M,
-            yaw_rad=-0.5 * np.pi,
-            carrier=partial(add_bracket, mount_m=ON_WHEELCHAIR_M, shoulder_m=SHOULDER_M),
-        ),
-        "bed": Mount(
-            NIGHTSTAND_TOP_M,
-            yaw_rad=-0.5 * np.pi,
-            base_range=BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0)),
-            carrier=add_nightstand,
-            carrier_body=NIGHTSTAND_BODY,
-        ),
-    },
+    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M),
     grips=parallel_grips(
         BETWEEN_TIPS_M,
         TIP_END_M,
-        POINTING,
+        OUT_ALONG_Z,
         spoon=_fingers(0.095),
         cup=_fingers(0.823),
         scratcher=_fingers(0.118),

@@ -1,15 +1,14 @@
 """The Jaco. ``jaco.xml`` contains the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
 
 from collections.abc import Mapping
-from functools import partial
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
-from avrgym.models.robot import Arm, BaseRange, Grip, Mount, Robot
+from avrgym.models.robot import Arm, Grip, Robot
+from avrgym.robots.mounts import on_furniture
 from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("kinova_description/meshes")
@@ -78,19 +77,6 @@ JACO = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts={
-        "wheelchair": Mount(
-            pos_w=ON_WHEELCHAIR_M,
-            yaw_rad=-0.5 * np.pi,
-            carrier=partial(add_bracket, mount_m=ON_WHEELCHAIR_M, shoulder_m=SHOULDER_M),
-        ),
-        "bed": Mount(
-            pos_w=NIGHTSTAND_TOP_M,
-            yaw_rad=-0.5 * np.pi,
-            base_range=BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0)),
-            carrier=add_nightstand,
-            carrier_body=NIGHTSTAND_BODY,
-        ),
-    },
+    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M),
     grips=GRIPS,
 )

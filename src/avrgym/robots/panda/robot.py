@@ -6,11 +6,10 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
-from avrgym.geometry import transforms
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
-from avrgym.robots.parallel_gripper import parallel_grips
+from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
+from avrgym.robots.parallel_gripper import OUT_ALONG_Z, parallel_grips
 from avrgym.robots.rtb_data import add_meshes
-from avrgym.robots.stand import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
 
 MESHES = "franka_description/meshes/visual"
 LINKS = (*(f"link{i}" for i in range(8)), "hand")
@@ -48,8 +47,6 @@ def _arm(side: Side) -> Arm:
 
 
 BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.1034), 0.0089
-POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-"""Rotation of a tool in the hand: its x axis points out of the hand, its y axis is across the fingers."""
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
@@ -67,7 +64,7 @@ PANDA = Robot(
     grips=parallel_grips(
         BETWEEN_TIPS_M,
         TIP_END_M,
-        POINTING,
+        OUT_ALONG_Z,
         spoon=_fingers(0.0045),
         cup=_fingers(0.040),
         scratcher=_fingers(0.0056),

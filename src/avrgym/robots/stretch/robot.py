@@ -7,9 +7,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from avrgym.geometry import transforms
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.robot import Arm, BaseRange, CameraMount, Grip, Mount, Robot
+from avrgym.robots.parallel_gripper import TOOL_ROTATIONS
 from avrgym.system.optional_robots import PACKAGES
 
 MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
@@ -28,22 +28,13 @@ def _closed(angle_rad: float) -> dict[str, float]:
 
 
 GRIPS: Mapping[str, Grip] = {
-    "spoon": Grip(
-        pos=np.array([0.0, 0.0, -0.0065]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.008)
-    ),
-    "cup": Grip(
-        pos=np.zeros(3),
-        q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        fingers=_closed(0.2),
-    ),
-    "washcloth": Grip(
-        pos=np.array([-0.01, 0.0, 0.0]),
-        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-        fingers=_closed(0.01),
-    ),
-    "scratcher": Grip(
-        pos=np.array([-0.031, 0.0, 0.0]), q=transforms.IDENTITY_QUATERNION, fingers=_closed(0.03)
-    ),
+    tool: Grip(np.array(pos), TOOL_ROTATIONS[tool], _closed(angle_rad))
+    for tool, pos, angle_rad in (
+        ("spoon", (0.0, 0.0, -0.0065), 0.008),
+        ("cup", (0.0, 0.0, 0.0), 0.2),
+        ("washcloth", (-0.01, 0.0, 0.0), 0.01),
+        ("scratcher", (-0.031, 0.0, 0.0), 0.03),
+    )
 }
 """Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
+from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
-from avrgym.robots.stand import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
 
 MESHES = "ur_description/meshes/ur5/visual"
 LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")

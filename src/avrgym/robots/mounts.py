@@ -1,15 +1,41 @@
-"""A stand on the floor next to the person, for arms that are too heavy for a wheelchair."""
+"""Mounts of arms next to a person: on the furniture, or on a stand for arms that are too heavy for a wheelchair."""
+
+from collections.abc import Mapping
+from functools import partial
 
 import mujoco
+import numpy as np
 
 from avrgym.models.collision_bits import COLLISION_GROUP
+from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_material, add_visual
-from avrgym.models.robot import BaseRange, Mount
+from avrgym.models.robot import BaseRange, Mount, Place
 
 STAND_BODY = "stand"
 HALF_WIDTH_M = 0.18
 """Half the width of the stand's square foot."""
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
+
+
+def on_furniture(on_wheelchair_m: tuple[float, float, float], shoulder_m: float) -> Mapping[Place, Mount]:
+    """Mounts on a bracket of the wheelchair, and on a nightstand next to the bed.
+
+    Args:
+        on_wheelchair_m: position of the arm's base on the wheelchair, world frame.
+        shoulder_m: maximum height of the shoulder above the base.
+    """
+    yaw_rad = -0.5 * np.pi
+    bracket = partial(add_bracket, mount_m=on_wheelchair_m, shoulder_m=shoulder_m)
+    return {
+        "wheelchair": Mount(on_wheelchair_m, yaw_rad, carrier=bracket),
+        "bed": Mount(
+            NIGHTSTAND_TOP_M,
+            yaw_rad,
+            BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0)),
+            carrier=add_nightstand,
+            carrier_body=NIGHTSTAND_BODY,
+        ),
+    }
 
 
 def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
