@@ -160,8 +160,8 @@ def enrol(
 def consent(folder: Folder, participant: Pseudonym) -> None:
     """Ask a participant for consent.
 
-    Then the inclusion questions are asked. A participant who meets the criteria is allocated to an order. After a new
-    version of the consent text, participants must consent again.
+    The inclusion questions follow. A participant who meets the criteria is allocated to an order. After a new version
+    of the consent text, participants must consent again.
     """
     from avrgym.study.storage.store import Store
 

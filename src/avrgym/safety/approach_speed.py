@@ -92,9 +92,9 @@ def effective_mass_kg(simulation: Simulation) -> float:
 
 
 def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
-    """Distances (N, G) by which gaps have closed in the last step.
+    """Returns the decrease (N, G) of each gap in the last step, in metres.
 
-    The distance is 0 for a gap that would still be larger than ``NEAR_M`` after another such step.
+    The decrease is 0 for a gap that would still be larger than ``NEAR_M`` after another such step.
     """
     return np.where(gap_m - closed_m < NEAR_M, closed_m, 0.0)
 

@@ -150,7 +150,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """The items that are asked at a moment, in their order. ``seed``: the trial's seed, for random orders."""
+        """Returns the items at a moment, in their order. ``seed``: the trial's seed, for random orders."""
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:

@@ -136,7 +136,7 @@ def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Row
 
 
 def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
-    """Number of the participant to whom the row belongs; ``None`` without a participant."""
+    """Number of the row's participant; ``None`` without a participant."""
     if "enrolled_at" in row:
         return row["number"]
     if row.get("participant") is not None:

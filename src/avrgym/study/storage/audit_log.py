@@ -69,7 +69,7 @@ def add_entry(
         store: the study.
         actor: the person.
         name: the action, such as ``export``.
-        participant: pseudonym of the participant whom the action affects, if any.
+        participant: pseudonym of the affected participant, if any.
         detail: further information without names of participants.
         at: time of the action; default: the current time.
         shows_results: whether the person saw results; the number of completed participants is then stored.

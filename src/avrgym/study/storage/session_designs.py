@@ -57,7 +57,7 @@ def design_as_recorded(
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """The design's questionnaires, with the items that were asked after the trial."""
+    """Returns the design's questionnaires, with the items of the questionnaire after the trial."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):

@@ -65,7 +65,7 @@ distance."""
 TURN_COMPENSATION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
-"""Angle by which a face that looks at the cup is turned to the left."""
+"""Yaw of a face that looks at the cup, to the left."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 

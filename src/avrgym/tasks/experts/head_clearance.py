@@ -19,8 +19,8 @@ def face_direction(state: State) -> FloatArray:
 def clearance_way_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
-    """Distance (N,) by which points (N, P, 3) must move along ``out`` (N, 3) to have ``clearance_m`` (N,) from the
-    head."""
+    """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3). The shift gives them ``clearance_m`` (N,) from
+    the head."""
     radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)
