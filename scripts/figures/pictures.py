@@ -54,6 +54,10 @@ class Camera:
     inside: bool
 
 
+def _numbers(vector: ArrayLike) -> list[float]:
+    return np.asarray(vector, float).tolist()
+
+
 def beside(eye: ArrayLike, at: ArrayLike) -> Camera:
     """A bystander's view."""
     return Camera(_numbers(eye), _numbers(at), [0.0, 0.0, 1.0], 42.0, inside=False)
@@ -158,10 +162,6 @@ class Moment:
 
     def _scene(self) -> messages.Scene:
         return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
-
-
-def _numbers(vector: ArrayLike) -> list[float]:
-    return np.asarray(vector, float).tolist()
 
 
 def take(page: Page, camera: Camera, file: Path) -> None:

@@ -51,7 +51,7 @@ def observed(rng: np.random.Generator, policy: Policy) -> tuple[FloatArray, Floa
 def test_the_network_in_numpy_computes_that_in_pytorch(network: VisualNetwork, policy: Policy, observed: Any):
     rows, image = observed
     actions, _ = policy.step(rows, np.zeros((4, 0)), image)
-    normalised = torch.as_tensor(policy._normalise(rows), dtype=torch.float32)
+    normalised = torch.as_tensor(policy.normalise(rows), dtype=torch.float32)
     with torch.no_grad():
         estimates = network(torch.as_tensor(image, dtype=torch.float32).permute(0, 3, 1, 2), normalised)
         assert_allclose(actions, network.actions(normalised, estimates), atol=1e-4)

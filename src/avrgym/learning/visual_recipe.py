@@ -186,12 +186,7 @@ class VisualRecipe:
             return self._network.actions(rows, self._network(_channels_first(image), rows)).numpy()
 
     def _normalised(self, observations: Float32Array) -> torch.Tensor:
-        policy = self._teacher
-        deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
-        rows = (observations - policy.observation_mean) / deviation
-        return torch.as_tensor(
-            np.clip(rows, -policy.observation_clip, policy.observation_clip), dtype=torch.float32
-        )
+        return torch.as_tensor(self._teacher.normalise(observations), dtype=torch.float32)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
         """Train the network on all demonstrations, with more gradient steps in the last round."""

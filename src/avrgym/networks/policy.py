@@ -171,7 +171,7 @@ class Policy:
             raise PolicyError(
                 f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
             )
-        rows = self._normalise(np.array(observations, np.float64, order="C"))
+        rows = self.normalise(np.array(observations, np.float64, order="C"))
         if self.vision is not None:
             if image is None:
                 raise PolicyError(f"this policy needs images of the camera {self.metadata.camera}")
@@ -194,9 +194,14 @@ class Policy:
             actions[row] += self.action_std * generator.standard_normal(self.action_size)
         return np.clip(actions, -1, 1).astype(np.float32)
 
-    def _normalise(self, observations: np.ndarray) -> np.ndarray:
-        deviation = np.sqrt(self.observation_variance + self.observation_epsilon)
-        return self._clip((observations - self.observation_mean) / deviation)
+    @property
+    def observation_deviation(self) -> np.ndarray:
+        """Standard deviations (O,) of observations in training; divisors of the normalisation."""
+        return np.sqrt(self.observation_variance + self.observation_epsilon)
+
+    def normalise(self, observations: np.ndarray) -> np.ndarray:
+        """Returns observations (N, O) with mean 0 and standard deviation 1 in training, clipped."""
+        return self._clip((observations - self.observation_mean) / self.observation_deviation)
 
     def _clip(self, rows: np.ndarray) -> np.ndarray:
         return np.clip(rows, -self.observation_clip, self.observation_clip)

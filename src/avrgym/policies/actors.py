@@ -57,9 +57,8 @@ class DeviceActor:
 
     def __init__(self, policy: Policy, exemplar: Any) -> None:
         """Convert the policy to the library, device and precision of the array ``exemplar``."""
-        deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
         self._mean = moved_to(policy.observation_mean, exemplar)
-        self._deviation = moved_to(deviation, exemplar)
+        self._deviation = moved_to(policy.observation_deviation, exemplar)
         self._clip = policy.observation_clip
         self._weights = [moved_to(weight, exemplar) for weight in policy.weights]
         self._biases = [moved_to(bias, exemplar) for bias in policy.biases]

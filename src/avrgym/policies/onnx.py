@@ -105,7 +105,7 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
     dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
     constants: dict[str, np.ndarray] = {
         "mean": policy.observation_mean,
-        "deviation": np.sqrt(policy.observation_variance + policy.observation_epsilon),
+        "deviation": policy.observation_deviation,
         "low": np.array(-policy.observation_clip),
         "high": np.array(policy.observation_clip),
         "least": np.array(-1.0),
