@@ -115,6 +115,12 @@ window.__THREE_DEVTOOLS__.addEventListener("observe", ({ detail: renderer }) => 
 """
 
 
+HIDE_CONTROLS = """
+document.querySelectorAll("body > :not(#view)").forEach(({ style }) => { style.visibility = "hidden"; })
+"""
+"""The page's content security policy rejects a style sheet for screenshots."""
+
+
 class Moment:
     """A session in which time stands still in the middle of an episode."""
 
@@ -168,8 +174,7 @@ def take(page: Page, camera: Camera, file: Path) -> None:
     """Save what a camera sees once it has been drawn twice."""
     page.evaluate("view => { window.wantedView = view; window.shownViews = 0; }", asdict(camera))
     page.wait_for_function("() => window.shownViews > 2", timeout=PATIENCE_MS)
-    hidden = "body > :not(#view) { visibility: hidden }"
-    page.screenshot(path=file, type="jpeg", quality=QUALITY, style=hidden, timeout=PATIENCE_MS)
+    page.screenshot(path=file, type="jpeg", quality=QUALITY, timeout=PATIENCE_MS)
     print(file)
 
 
@@ -187,6 +192,7 @@ def main() -> None:
                 page = chromium.new_page(viewport=SIZE_PX)  # type: ignore[arg-type]
                 page.add_init_script(OWN_CAMERA)
                 page.goto(server.url, timeout=PATIENCE_MS)
+                page.evaluate(HIDE_CONTROLS)
                 take(page, bystander(task, robot), folder / f"{stem}.jpg")
                 take(page, server.session.glance(), folder / f"{stem}_inside.jpg")
                 page.close()
