@@ -112,6 +112,6 @@ def test_the_same_seed_gives_the_same_impaired_people(name):
 
 
 def test_an_unknown_impairment_lists_the_impairments():
-    expected = "unknown impairment 'gout'; allowed: none, limits, weakness, tremor"
+    expected = "unknown impairment 'gout'; allowed: none, limits, weakness, tremor, spasticity"
     with pytest.raises(ValueError, match=expected):
         Episodes(ENVIRONMENT, 1, impairment="gout")

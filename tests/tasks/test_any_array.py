@@ -14,11 +14,12 @@ import torch
 
 from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
-from avrgym.models.human import GEOMS, RECLINED, SEATED, People
+from avrgym.models.human import GEOMS, JOINTS, RECLINED, SEATED, People
 from avrgym.models.scene import TOOL_CONTACTS
-from avrgym.people import cooperation, distributions, impairments, shoulder_limits
+from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
+from avrgym.people.clinical_impairments import motor_signs
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.population_names import IMPAIRMENTS
+from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
@@ -191,6 +192,19 @@ def test_people_behave_equally_on_tensors(
         tuple(behaviour_models(*as_tensors(given), distribution=distribution, task=task, steered=steered)),
         tuple(wanted),
     )
+
+
+@pytest.mark.parametrize("impairment", SEVERITIES)
+def test_impaired_motion_is_equal_on_tensors(impairment: str) -> None:
+    rng = np.random.default_rng(3)
+    rest, targets = rng.normal(size=(2, WORLDS, len(JOINTS)))
+
+    def moved(uniforms: Any, rest: Any, targets: Any) -> tuple[Any, ...]:
+        signs, state = motor_signs(impairment, uniforms), impaired_motion.initial_state(rest)
+        return tuple(impaired_motion.step(signs, state, targets, rest, 0.1))
+
+    given = rng.random((WORLDS, impairments.NUM_UNIFORMS)), rest, targets
+    assert_tensors_close(moved(*as_tensors(given)), moved(*given))
 
 
 @pytest.mark.parametrize("distribution", ["participants", "zoo/train"])

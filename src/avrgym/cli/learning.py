@@ -139,9 +139,9 @@ def train(
         str | None,
         typer.Option(
             help="How to train. By default: imitation, then PPO. adaptive: a recurrent policy by imitation and PPO, "
-            "with zoo/train and every impairment. paper: PPO alone, ten million steps. pair: robot and human "
-            "together; the human has the bodies of the people. visual: imitate the policy revised with the depth image "
-            "of the wrist camera.",
+            "with zoo/train and the impairments none, limits, weakness, tremor. paper: PPO alone, ten million steps. "
+            "pair: robot and human together; the human has the bodies of the people. visual: imitate the policy "
+            "revised with the depth image of the wrist camera.",
         ),
     ] = None,
     teacher: Annotated[
@@ -393,7 +393,7 @@ def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: 
 
     population = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
     parts = [env.removeprefix("avrgym/"), *([] if recipe == ADAPTIVE else [population])]
-    parts += [] if impairment == "none" else [impairment]
+    parts += [] if impairment == "none" else [impairment.replace(":", "-")]
     parts += [] if recipe is None else [recipe]
     parts += ["guarded"] if guarded else []
     return "-".join([*parts, str(seed)])

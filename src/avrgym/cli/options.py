@@ -17,7 +17,7 @@ PEOPLE = population_names.ALLOWED_PEOPLE
 Policy = Annotated[str, typer.Option(help=f"The policy that drives the robot: {CHOICES}.")]
 Impairment = Annotated[
     str,
-    typer.Option(help=f"An impairment of the people's motion: {', '.join(population_names.IMPAIRMENTS)}."),
+    typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS}."),
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 WithdrawAfterSuccess = Annotated[

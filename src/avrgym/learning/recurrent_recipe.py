@@ -5,9 +5,9 @@ infer the rest of the state with its memory (Chen et al., "Learning by cheating"
 aggregation; the loss is the error of the tool's motion, see ``tool_loss``. Then PPO maximises the task's reward minus
 penalties for force.
 
-There is a group of partners for each impairment (by default people of ``zoo/train``), and a group of people of
-``revised`` without motion. Each imitation update uses one group, each PPO update all groups. A trained policy may
-replace the expert as teacher. A trained recurrent policy may be the initial policy.
+There is a group of partners for each of ``REFERENCE_IMPAIRMENTS`` (by default people of ``zoo/train``), and a group of
+people of ``revised`` without motion. Each imitation update uses one group, each PPO update all groups. A trained policy
+may replace the expert as teacher. A trained recurrent policy may be the initial policy.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -33,7 +33,7 @@ from avrgym.learning.recurrent_network import RecurrentNetwork, fit
 from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.tool_loss import ToolMotion, tool_loss
-from avrgym.people.population_names import IMPAIRMENTS, REVISED
+from avrgym.people.population_names import REFERENCE_IMPAIRMENTS, REVISED
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
@@ -167,7 +167,8 @@ class RecurrentRecipe:
         random = random_streams.imitation(configuration.seed, number)
         expert_drives = random.random(configuration.num_envs) < RECURRENT.expert_share**number
         turn, still = divmod(number, 2)
-        partner = STILL_PARTNER if still else (configuration.people, IMPAIRMENTS[turn % len(IMPAIRMENTS)])
+        impairment = REFERENCE_IMPAIRMENTS[turn % len(REFERENCE_IMPAIRMENTS)]
+        partner = STILL_PARTNER if still else (configuration.people, impairment)
         request = RolloutRequest(
             self._settings(*partner),
             0,
@@ -191,7 +192,10 @@ class RecurrentRecipe:
         progress = configuration.ppo_progress(number)
         action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT.log_std)))
         policy, seeds = self._policy(action_std), self._episode_seeds(number)
-        partners = [*((configuration.people, impairment) for impairment in IMPAIRMENTS), STILL_PARTNER]
+        partners = [
+            *((configuration.people, impairment) for impairment in REFERENCE_IMPAIRMENTS),
+            STILL_PARTNER,
+        ]
         parts = np.array_split(np.arange(configuration.num_envs), len(partners))
         requests = [
             RolloutRequest(

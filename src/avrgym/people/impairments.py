@@ -1,4 +1,4 @@
-"""Motor impairments of simulated people, as in Assistive Gym (Erickson et al., ICRA 2020)."""
+"""Motor impairments of simulated people: those of Assistive Gym (Erickson et al., ICRA 2020), and clinical ones."""
 
 from dataclasses import replace
 
@@ -7,10 +7,8 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like, interpolate, namespace
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
-from avrgym.people.population_names import IMPAIRMENTS, Impairment
-
-MOVING_IMPAIRMENTS: tuple[Impairment, ...] = ("weakness", "tremor")
-"""Impairments that have an effect only on people who have movable joints."""
+from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.population_names import ALLOWED_IMPAIRMENTS, IMPAIRMENTS, SEVERITIES, Impairment
 
 NUM_UNIFORMS = 1 + len(JOINTS)
 RANGE_SHARE, STRENGTH_SHARE = (0.5, 1.0), (0.25, 1.0)
@@ -35,11 +33,22 @@ def find_impairment(name: str) -> Impairment:
     """Returns ``name`` if it is an impairment.
 
     Raises:
-        ValueError: for an unknown name. The message lists the impairments.
+        ValueError: for an unknown name or severity. The message lists the impairments.
     """
-    if name not in IMPAIRMENTS:
-        raise ValueError(f"unknown impairment {name!r}; allowed: {', '.join(IMPAIRMENTS)}")
+    base, colon, severity = name.partition(":")
+    if base not in IMPAIRMENTS or (colon and severity not in SEVERITIES.get(base, ())):
+        raise ValueError(f"unknown impairment {name!r}; allowed: {ALLOWED_IMPAIRMENTS}")
     return name
+
+
+def is_clinical(impairment: Impairment) -> bool:
+    """Whether the motion of people with this impairment follows ``people.impaired_motion``."""
+    return impairment.partition(":")[0] in SEVERITIES
+
+
+def needs_joints(impairment: Impairment) -> bool:
+    """Whether the impairment has an effect only on people who have movable joints."""
+    return impairment in ("weakness", "tremor") or is_clinical(impairment)
 
 
 def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArray) -> People:
@@ -48,6 +57,7 @@ def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArra
     - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
     - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
     - ``tremor``: amplitudes are sampled between 0 and ``TREMOR_RAD``. A larger own tremor of the person remains.
+    - A clinical impairment: torques by joint and direction, and damping, see ``people.clinical_impairments``.
     """
     if impairment == "limits":
         return limit_joint_ranges(people, people.range_share * interpolate(RANGE_SHARE, uniforms[:, 0]))
@@ -57,6 +67,9 @@ def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArra
     if impairment == "tremor":
         xp, amplitude_rad = namespace(uniforms), constant_like(TREMOR_RAD, uniforms) * uniforms[:, 1:]
         return replace(people, tremor_rad=xp.maximum(people.tremor_rad, amplitude_rad))
+    if is_clinical(impairment):
+        signs = motor_signs(impairment, uniforms)
+        return replace(people, torque_share=signs.torque_share, damping_n_m_s=signs.damping_n_m_s)
     return people
 
 

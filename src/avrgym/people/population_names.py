@@ -1,6 +1,6 @@
 """Names of populations and impairments."""
 
-from typing import Literal, get_args
+from collections.abc import Mapping
 
 from avrgym.people.zoo.styles import STYLES
 
@@ -13,5 +13,23 @@ ALLOWED_PEOPLE = (
 )
 """The allowed values of ``people``, for help and error messages."""
 
-Impairment = Literal["none", "limits", "weakness", "tremor"]
-IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)
+Impairment = str
+"""A name in ``IMPAIRMENTS``. A clinical impairment may have a severity: ``spasticity:severe``."""
+REFERENCE_IMPAIRMENTS: tuple[Impairment, ...] = ("none", "limits", "weakness", "tremor")
+"""The impairments of Assistive Gym."""
+_DEGREES = ("mild", "moderate", "severe")
+SEVERITIES: Mapping[Impairment, tuple[str, ...]] = {
+    "spasticity": _DEGREES,
+    "hemiparesis_left": _DEGREES,
+    "hemiparesis_right": _DEGREES,
+    "spinal_cord_injury": ("C6", "C5", "C4"),
+    "ataxia": _DEGREES,
+    "dyskinesia": _DEGREES,
+}
+"""Severities of each clinical impairment, the least severe first."""
+IMPAIRMENTS: tuple[Impairment, ...] = (*REFERENCE_IMPAIRMENTS, *SEVERITIES)
+ALLOWED_IMPAIRMENTS = (
+    f"{', '.join(IMPAIRMENTS)}; those after tremor with a severity such as spasticity:severe "
+    f"({', '.join(_DEGREES)}) or spinal_cord_injury:C5 ({', '.join(SEVERITIES['spinal_cord_injury'])})"
+)
+"""The allowed values of ``impairment``, for help and error messages."""

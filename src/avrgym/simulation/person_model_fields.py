@@ -33,6 +33,8 @@ class PersonModelFields:
             self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
             self._actuators = actuators(model, [human.PREFIX + name for name in human.JOINTS])
             self._force_range = batch.expand("actuator_forcerange")
+            self._damping = batch.expand("dof_damping")
+            self._dofs = model.jnt_dofadr[[model.joint(human.PREFIX + name).id for name in human.JOINTS]]
 
     def write(self, ids: IntArray, people: People) -> None:
         layout = human.layout_of(people, self._posture)
@@ -69,7 +71,9 @@ class PersonModelFields:
         torque = compliance.person_torque_limit_n_m(
             people.strength_share.reshape(len(ids), -1) * human.TORQUE_N_M, people.tremor_rad
         )
-        self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
+        limits = np.stack([-torque, torque], axis=-1) * people.torque_share
+        self._force_range[ids[:, None], self._actuators] = limits
+        self._damping[ids[:, None], self._dofs] = people.damping_n_m_s
 
 
 INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")

@@ -8,13 +8,15 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import choose_index, moved_to
-from avrgym.models.human import People, Person
+from avrgym.models.human import JOINTS, People, Person
 from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
 from avrgym.networks.policy import PolicyError
-from avrgym.people import cooperation, distributions, impairments, shoulder_limits
+from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.clinical_impairments import motor_signs
 from avrgym.people.cooperation import PersonObservation
 from avrgym.people.distributions import Pose
+from avrgym.people.impaired_motion import ImpairedState, MotorSigns
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
 from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
@@ -115,16 +117,18 @@ class WorldPeople:
         self.trained = TrainedHumans(self._policies, num_worlds) if by_policy else None
         self._actions = human_actions or by_policy
         are_partners = any(each.distribution.partners is not None for each in self._populations)
-        trembles = any(each.impairment == "tremor" for each in self._populations)
+        clinical = any(impairments.is_clinical(each.impairment) for each in self._populations)
+        trembles = clinical or any(each.impairment == "tremor" for each in self._populations)
         self.extra_clearance_m = TREMOR_CLEARANCE_M if are_partners or trembles else 0.0
         self.move = not driven and (
             self._actions
             or any(
-                each.distribution.moving or each.impairment in impairments.MOVING_IMPAIRMENTS
+                each.distribution.moving or impairments.needs_joints(each.impairment)
                 for each in self._populations
             )
         )
-        self.glide = self.move and (self._actions or are_partners)
+        self._clinical = self.move and clinical
+        self.glide = self.move and (self._actions or are_partners or clinical)
         self._num_worlds = num_worlds
         self._steps_per_target = max(1, round(CONTROL_STEP_S / scene.control_step_s))
         self._steps = np.zeros(num_worlds, dtype=int)
@@ -143,6 +147,11 @@ class WorldPeople:
         """Create the people, and their behaviour model on the device of the array ``exemplar``."""
         self._exemplar = exemplar
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
+        self._signs = self._motion = None
+        if self._clinical:
+            signs = impaired_motion.without_signs(np.zeros((self._num_worlds, len(JOINTS))))
+            motion = impaired_motion.initial_state(self.people.joint_angles_rad)
+            self._signs, self._motion = moved_to(signs, exemplar), moved_to(motion, exemplar)
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
             self.people,
@@ -174,6 +183,10 @@ class WorldPeople:
             people = replace_worlds(people, others, rows)
         self._set_people(replace_worlds(self.people, people, ids))
         self._behaviour.reset(ids, people, for_behaviour)
+        if self._signs is not None and self._motion is not None:
+            self._signs = replace_worlds(self._signs, self._sample_signs(chosen, for_impairments), ids)
+            start = impaired_motion.initial_state(people.joint_angles_rad)
+            self._motion = replace_worlds(self._motion, start, ids)
         self._steps[ids] = 0
         if self.trained is not None:
             self.trained.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
@@ -202,6 +215,15 @@ class WorldPeople:
         share = self._settings.range_share
         return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
 
+    def _sample_signs(self, chosen: IntArray, for_impairments: FloatArray) -> MotorSigns:
+        """Sample the motor signs of n people of the populations of index ``chosen`` (n,)."""
+        signs = impaired_motion.without_signs(for_impairments[:, 1:])
+        for number, population in enumerate(self._populations):
+            if impairments.is_clinical(population.impairment):
+                (rows,) = np.nonzero(chosen == number)
+                signs = replace_worlds(signs, motor_signs(population.impairment, for_impairments[rows]), rows)
+        return signs
+
     def _pose(self, population: Population) -> Pose:
         return population.distribution.pose_for_task(self._task.name, self._task.pose)
 
@@ -217,10 +239,26 @@ class WorldPeople:
         Call this method in every control step, or every 0.1 s if control steps are longer.
         """
         if self._steps_per_target == 1:
-            return self._behaviour.step(observe, self._device_people, self._limit), None
+            return self._impaired(self._behaviour.step(observe, self._device_people, self._limit)), None
         due = self._steps % self._steps_per_target == 0
         self._steps += 1
-        return self._behaviour.step(observe, self._device_people, self._limit, due), due
+        targets = self._behaviour.step(observe, self._device_people, self._limit, due)
+        return self._impaired(targets, due), due
+
+    def _impaired(self, targets_rad: FloatArray, which: BoolArray | None = None) -> FloatArray:
+        """Returns the joint targets (N, 20) that impaired people execute, in the worlds ``which`` (N,)."""
+        if self._signs is None or self._motion is None:
+            return targets_rad
+        motion, executed = impaired_motion.step(
+            self._signs, self._motion, targets_rad, self._device_people.joint_angles_rad, CONTROL_STEP_S
+        )
+        if which is None:
+            self._motion = motion
+        else:
+            rows = np.nonzero(which)[0]
+            taken = ImpairedState(**{name: array[rows] for name, array in vars(motion).items()})
+            self._motion = replace_worlds(self._motion, taken, rows)
+        return self._limit(executed)
 
     def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
         return reachable_rad(self._device_people, joint_angles_rad)
@@ -232,6 +270,7 @@ class WorldPeople:
             "behaviour": self._behaviour.saved(),
             "trained": None if self.trained is None else self.trained.saved(),
             "steps": self._steps.copy(),
+            "impaired": (self._signs, self._motion),
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -239,6 +278,7 @@ class WorldPeople:
         self._set_people(saved["people"])
         self._behaviour.restore(saved["behaviour"])
         self._steps = saved["steps"].copy()
+        self._signs, self._motion = saved["impaired"]
         if self.trained is not None:
             self.trained.restore(saved["trained"])
 

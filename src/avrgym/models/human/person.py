@@ -101,6 +101,8 @@ class People:
         strength_share: share of the joint torques (N,); for physics also by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
         arm_scale: see ``Person`` (N,).
+        torque_share: share of each joint's torques towards its lower and its upper limit (N, 20, 2).
+        damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
     """
 
     is_woman: BoolArray
@@ -110,6 +112,8 @@ class People:
     strength_share: FloatArray
     tremor_rad: FloatArray
     arm_scale: FloatArray
+    torque_share: FloatArray
+    damping_n_m_s: FloatArray
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
@@ -126,10 +130,12 @@ class People:
     def unimpaired(
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
-        """Returns people with full joint ranges and strength, without tremor, with average arm lengths."""
+        """Returns people with full joint ranges and strength, without tremor and damping, with average arm lengths."""
         xp, height, angles = as_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
-        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)
+        torques = xp.ones_like(xp.stack([angles, angles], axis=-1))
+        none = xp.zeros_like(angles)
+        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, none, full, torques, none)
 
     def person(self, index: int) -> Person:
         """Returns the person with this index."""

@@ -17,8 +17,10 @@ from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, RealFurnitur
 from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.networks.policy import Policy
-from avrgym.people import cooperation, distributions, impairments
+from avrgym.people import cooperation, distributions, impaired_motion, impairments
+from avrgym.people.clinical_impairments import motor_signs
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
+from avrgym.people.impaired_motion import MotorSigns
 from avrgym.people.population_names import Impairment
 from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
@@ -59,7 +61,8 @@ class Traits:
     the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
     ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``partner``: the index of a partner of
     the zoo, which replaces the behaviour. ``trained``: a policy, which replaces the behaviour. The other fields are
-    impairments, see ``People``; ``strength_share`` scales the movement.
+    impairments, see ``People``; ``strength_share`` scales the movement. ``signs``: those of a clinical impairment, for
+    one person.
     """
 
     sex: Sex
@@ -76,6 +79,7 @@ class Traits:
     range_share: float = 1.0
     strength_share: float = 1.0
     tremor_rad: FloatArray = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    signs: MotorSigns | None = None
 
 
 def draw_traits(
@@ -116,13 +120,15 @@ def _with_body(
     if distribution.partners is not None:
         drawn = distribution.partners.draw(random.random((1, 2)))
         body, partner = partners.apply_partner_bodies(body, drawn), int(drawn[0])
-    body = impairments.apply_impairment(body, impairment, random.random((1, impairments.NUM_UNIFORMS)))
+    uniforms = random.random((1, impairments.NUM_UNIFORMS))
+    body = impairments.apply_impairment(body, impairment, uniforms)
     return replace(
         traits,
         partner=partner,
         range_share=float(body.range_share[0]),
         strength_share=float(body.strength_share[0]),
         tremor_rad=body.tremor_rad[0],
+        signs=motor_signs(impairment, uniforms) if impairments.is_clinical(impairment) else None,
     )
 
 
@@ -211,6 +217,8 @@ class SimulatedParticipant:
                 mind, reaction_steps=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)])
             )
         self._next_look_s = -np.inf
+        self._motion = impaired_motion.initial_state(self._rest_rad[None])
+        self._moved_s: float | None = None
 
     def _observe_tool(self, state: messages.State) -> None:
         """Observe the tool ten times a second."""
@@ -317,7 +325,19 @@ class SimulatedParticipant:
         else:
             angles = self._rest_rad + traits.cooperation * brought + self._posture_offsets(time_s)
         trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)
-        return self._clip_to_ranges((angles + trembling)[None])[0]
+        return self._clip_to_ranges(self._impaired((angles + trembling)[None], time_s))[0]
+
+    def _impaired(self, joint_angles_rad: FloatArray, time_s: float) -> FloatArray:
+        """Returns the angles (1, 20) that the participant executes, with the signs of a clinical impairment."""
+        if self.traits.signs is None:
+            return joint_angles_rad
+        passed_s = time_s - self._moved_s if self._moved_s is not None else 0.0
+        self._moved_s = time_s
+        step_s = min(max(passed_s, impaired_motion.INTEGRATION_STEP_S), CONTROL_STEP_S)
+        self._motion, executed = impaired_motion.step(
+            self.traits.signs, self._motion, joint_angles_rad, self._rest_rad[None], step_s
+        )
+        return executed
 
     def _clip_to_ranges(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Returns joint angles (1, 20) clipped to the participant's joint ranges."""

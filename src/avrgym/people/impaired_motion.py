@@ -1,0 +1,168 @@
+"""Motion of people with clinical impairments: it changes the joint targets that a behaviour model computes.
+
+The executed angles follow the commanded targets. Undriven joints stay at rest, spastic and paretic joints are slow and
+move less far, ataxic joints overshoot and tremble near the goal, and dyskinesia adds slow involuntary motion.
+``people.clinical_impairments`` contains the parameters.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import elementary
+from avrgym.geometry.arrays import namespace
+
+UNLIMITED_RAD_S = 1e3
+"""Speed limit of joints without an impairment."""
+NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
+"""Natural frequency of ataxic joints (assumption). After a ramp they overshoot in proportion to its speed. Hypermetria
+increases with speed in the same way (Topka et al., Exp. Brain Res. 119:483, 1998)."""
+EFFORT_DECAY_S, EFFORT_RAD, TERMINAL_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
+"""Intention tremor (assumptions): movements of the last second by more than 5° cause at least half of the amplitude;
+half of the amplitude remains while the target moves at 0.2 rad/s."""
+DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)
+"""Dyskinesia is a sum of three sinusoids: slower than 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196,
+2000: 1 to 3 Hz), and slower than voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and
+weights are assumptions."""
+ONSET_S = 1.0
+"""Time until dyskinesia reaches its full amplitude."""
+INTEGRATION_STEP_S = 0.01
+
+
+@dataclass(frozen=True)
+class MotorSigns:
+    """Motor signs of N people, per joint.
+
+    Attributes:
+        mobility: executed share of the commanded displacement from the initial pose (N, 20).
+        torque_share: see ``People`` (N, 20, 2).
+        damping_n_m_s: see ``People`` (N, 20).
+        speed_rad_s: maximum speed of the executed motion (N, 20).
+        damping_ratio: below 1, the joint overshoots as a second-order system with this ratio (N, 20).
+        intention_tremor_rad: largest amplitude of the intention tremor (N, 20).
+        dyskinesia_rad: largest involuntary displacement (N, 20).
+        tremor_hz: frequency of the intention tremor (N,).
+        phase: phases of tremor and dyskinesia, 0 to 1 (N, 20).
+    """
+
+    mobility: FloatArray
+    torque_share: FloatArray
+    damping_n_m_s: FloatArray
+    speed_rad_s: FloatArray
+    damping_ratio: FloatArray
+    intention_tremor_rad: FloatArray
+    dyskinesia_rad: FloatArray
+    tremor_hz: FloatArray
+    phase: FloatArray
+
+
+@dataclass(frozen=True)
+class ImpairedState:
+    """State of the motion of N people.
+
+    Attributes:
+        executed_rad: executed joint angles without tremor and dyskinesia (N, 20).
+        speed_rad_s: their speeds (N, 20).
+        goal_rad: the previous goal (N, 20).
+        effort_rad: recent motion of the goal (N, 20).
+        time_s: time since the start (N,).
+    """
+
+    executed_rad: FloatArray
+    speed_rad_s: FloatArray
+    goal_rad: FloatArray
+    effort_rad: FloatArray
+    time_s: FloatArray
+
+
+def without_signs(phase: FloatArray) -> MotorSigns:
+    """Returns the signs of n people without impairments. ``phase`` (n, 20) are random numbers."""
+    xp = namespace(phase)
+    none, full = xp.zeros_like(phase), xp.ones_like(phase)
+    return MotorSigns(
+        mobility=full,
+        torque_share=xp.stack([full, full], axis=-1),
+        damping_n_m_s=none,
+        speed_rad_s=UNLIMITED_RAD_S * full,
+        damping_ratio=full,
+        intention_tremor_rad=none,
+        dyskinesia_rad=none,
+        tremor_hz=none[:, 0],
+        phase=phase,
+    )
+
+
+def initial_state(rest_rad: FloatArray) -> ImpairedState:
+    """Returns the state of n people at rest in their initial pose (n, 20)."""
+    none = namespace(rest_rad).zeros_like(rest_rad)
+    return ImpairedState(rest_rad, none, rest_rad, none, none[:, 0])
+
+
+def step(
+    signs: MotorSigns,
+    state: ImpairedState,
+    targets_rad: FloatArray,
+    rest_rad: FloatArray,
+    step_s: float,
+) -> tuple[ImpairedState, FloatArray]:
+    """Returns the state after ``step_s``, and the executed joint angles (N, 20), before joint limits.
+
+    ``targets_rad`` (N, 20) are the commanded targets, ``rest_rad`` (N, 20) the initial pose.
+    """
+    xp = namespace(targets_rad)
+    goal = rest_rad + signs.mobility * (targets_rad - rest_rad)
+    change = xp.abs(goal - state.goal_rad)
+    executed, speed = _follow(signs, state, goal, step_s)
+    state = replace(
+        state,
+        executed_rad=executed,
+        speed_rad_s=speed,
+        goal_rad=goal,
+        effort_rad=state.effort_rad * (1.0 - step_s / EFFORT_DECAY_S) + change,
+        time_s=state.time_s + step_s,
+    )
+    involuntary = _intention_tremor_rad(signs, state, change / step_s) + _dyskinesia_rad(signs, state)
+    return state, executed + involuntary
+
+
+def _follow(
+    signs: MotorSigns, state: ImpairedState, goal: FloatArray, step_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Returns executed angles and speeds (N, 20). Ataxic joints are second-order systems; other joints reach the goal
+    at once, within their maximum speed."""
+    xp, ataxic = namespace(goal), signs.damping_ratio < 1.0
+    substeps = max(1, round(step_s / INTEGRATION_STEP_S))
+    substep_s = step_s / substeps
+    most = signs.speed_rad_s * substep_s
+    executed, speed = state.executed_rad, state.speed_rad_s
+    for _ in range(substeps):
+        way = goal - executed
+        pull = NATURAL_FREQUENCY_RAD_S**2 * way
+        pull = pull - 2.0 * NATURAL_FREQUENCY_RAD_S * signs.damping_ratio * speed
+        speed = xp.where(ataxic, speed + substep_s * pull, 0.0)
+        executed = executed + xp.clip(xp.where(ataxic, substep_s * speed, way), -most, most)
+    return executed, speed
+
+
+def _intention_tremor_rad(
+    signs: MotorSigns, state: ImpairedState, goal_speed_rad_s: FloatArray
+) -> FloatArray:
+    """Returns the intention tremor (N, 20). It grows when a movement slows down near its goal."""
+    active = state.effort_rad / (state.effort_rad + EFFORT_RAD)
+    terminal = 1.0 / (1.0 + goal_speed_rad_s / TERMINAL_SPEED_RAD_S)
+    angle = 2.0 * np.pi * ((signs.tremor_hz * state.time_s)[:, None] + signs.phase)
+    return signs.intention_tremor_rad * active * terminal * elementary.sin(angle)
+
+
+def _dyskinesia_rad(signs: MotorSigns, state: ImpairedState) -> FloatArray:
+    """Returns the involuntary displacement (N, 20). Frequencies differ by up to ±20 % between joints."""
+    xp = namespace(signs.phase)
+    pace = 0.8 + 0.4 * signs.phase
+    wave = sum(
+        weight
+        * elementary.sin(2.0 * np.pi * (hz * pace * state.time_s[:, None] + (number + 1) * signs.phase))
+        for number, (hz, weight) in enumerate(zip(DYSKINESIA_HZ, DYSKINESIA_WEIGHTS, strict=True))
+    )
+    onset = xp.minimum(state.time_s / ONSET_S, xp.ones_like(state.time_s))
+    return signs.dyskinesia_rad * onset[:, None] * wave
