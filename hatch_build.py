@@ -10,6 +10,10 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 PACKAGE = Path("src", "avrgym")
 PAGES = tuple(f"vr/static/{name}.html" for name in ("index", "dashboard", "replay", "trial"))
+REVISED = {
+    "ArmManipulation": ("Jaco", "PR2", "Panda", "Gen3", "UR5"),
+}
+"""Robots with a Revised policy only, by task."""
 ASSETS = (
     *(f"assets/human/{name}" for name in ("man.npz", "woman.npz", "man.jpg", "woman.jpg", "hair.jpg")),
     *(
@@ -17,6 +21,11 @@ ASSETS = (
         for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing")
         for robot in ("Jaco", "PR2")
         for kind in ("original", "revised", "adaptive")
+    ),
+    *(
+        f"assets/policies/{task}{robot}-revised.safetensors"
+        for task, robots in REVISED.items()
+        for robot in robots
     ),
     "assets/study.toml",
 )

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "avrgym"
 sys.path.insert(0, str(ROOT / "research"))
 
-from figures_file import name_of, read  # noqa: E402
+from figures_file import cells, name_of, read  # noqa: E402
 from papers_results import SIMULATION, short  # noqa: E402
 from partners import FIGURES_FILE  # noqa: E402
 from policy_tables import settings_table  # noqa: E402
@@ -105,15 +105,23 @@ def body_regions() -> Lines:
 
 
 def robots() -> Lines:
-    """Reach of every robot in every task, and the oracle's success, reward, force and exceeded limits."""
+    """Reach of every robot in every task, and success, force and exceeded limits of its oracle and its policies."""
     figures = read(ROBOTS_FILE)
+    policies = {
+        f"{short(environment)} {kind}": policy.metadata.measured for environment, kind, policy in _packaged()
+    } | {
+        name.removesuffix(" revised"): each
+        for name, each in read(FIGURES_FILE).items()
+        if name.endswith(" revised")
+    }
     rows = []
     for environment in ENVIRONMENTS:
         found = figures.get(environment, {})
         shares = (f"{100.0 * found[key]:.1f} %" if key in found else "–" for key in ("start", "goals"))
         oracle = (_result(found), f"{found['reward_mean']:.0f}") if found else ("–", "–")
-        rows.append((short(environment), *shares, *oracle))
-    return table(("environment", "starts", "goals", "oracle", "reward"), rows)
+        kinds = (policies.get(f"{short(environment)} {kind}") for kind in KINDS[1:])
+        rows.append((short(environment), *shares, *oracle, *cells(kinds, _result)))
+    return table(("environment", "starts", "goals", "oracle", "reward", *KINDS[1:]), rows)
 
 
 def policies() -> Lines:
@@ -122,8 +130,7 @@ def policies() -> Lines:
     rows = []
     for environment, kind, policy in _packaged():
         found = [figures.get(name_of(environment, kind, group)) for group in POPULATIONS]
-        cells = ("–" if each is None else _result(each) for each in found)
-        rows.append((short(environment), kind, _result(policy.metadata.measured), *cells))
+        rows.append((short(environment), kind, _result(policy.metadata.measured), *cells(found, _result)))
     return table(("environment", "policy", "training", *POPULATIONS), rows)
 
 

@@ -9,6 +9,7 @@ import safetensors.numpy
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.policies import trained
+from avrgym.policies.registry import preferred_policy
 from avrgym.policies.trained import (
     Policy,
     PolicyError,
@@ -17,6 +18,7 @@ from avrgym.policies.trained import (
     load_policy,
     packaged_policies,
 )
+from avrgym.tasks.registry import ENVIRONMENTS
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 METADATA = PolicyMetadata(
@@ -349,7 +351,14 @@ def test_packaged_policies_name_environment_and_people(path):
     people = "zoo/train" if kind == "adaptive" else kind
     assert (metadata.environment, metadata.people) == (f"avrgym/{scene}-v1", people)
     assert metadata.steps > 0
-    assert metadata.measured["episodes"] == 1000
+    assert metadata.measured["episodes"] >= 200
+
+
+def test_the_preferred_policy_is_adaptive_then_revised_then_oracle():
+    for environment in ENVIRONMENTS:
+        packaged = packaged_policies(environment)
+        expected = [name for name in ("adaptive", "revised") if name in packaged]
+        assert preferred_policy(environment) == [*expected, "oracle"][0]
 
 
 def test_arrays_of_wrong_shapes_are_refused():

@@ -19,6 +19,8 @@ SEEDS = (11, 18)
 """Among them spoons that lie in the mouth, and an arm on whose way the wheelchair stands."""
 RELEASED_N = 1.0
 """What the force of a contact may rise by when the brakes let go."""
+CARRIED_N, LEFT_N = 12.0, 1.5
+"""What the force of a limp arm on the tool may rise by, and what may be left of it, when the tool moves away."""
 WITH_POLICIES = [environment for environment in ENVIRONMENTS if "revised" in packaged_policies(environment)]
 
 
@@ -56,15 +58,16 @@ def from_mouth_m(state: State) -> float:
 @pytest.mark.parametrize("environment", WITH_POLICIES)
 def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) -> None:
     episodes = helped(environment, seed)
+    carries = "ArmManipulation" in environment
     before = episodes.simulation.state()
     states = list(retreated(episodes))
     assert len(states) <= round(MAX_DURATION_S / CONTROL_STEP_S) * SUBSTEPS
     for state in states:
-        assert state.total_force_n[0] <= before.total_force_n[0] + RELEASED_N
+        assert state.total_force_n[0] <= before.total_force_n[0] + (CARRIED_N if carries else RELEASED_N)
         if np.linalg.norm(state.tool_pos_w - state.head_pos_w) < 0.3:
             assert np.linalg.norm(state.tool_velocity_w) < 0.1
     after = states[-1] if states else before
-    assert after.total_force_n[0] == 0.0
+    assert after.total_force_n[0] <= (LEFT_N if carries else 0.0)
     assert from_mouth_m(after) >= max(0.3, from_mouth_m(before))
 
 

@@ -23,7 +23,7 @@ from avrgym.cli.options import (
 )
 from avrgym.cli.terminal import plain_errors, print_line, warn
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.policies.names import CHOICES, OPERATOR
+from avrgym.policies.names import CHOICES, OPERATOR, PREFERRED
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
@@ -60,8 +60,12 @@ def serve(
     ] = False,
     env: Annotated[list[str] | None, typer.Option(help="An environment of the trials; repeatable.")] = None,
     policy: Annotated[
-        str, typer.Option(help=f"The policy that drives the robot: {CHOICES}; or {OPERATOR}.")
-    ] = "adaptive",
+        str | None,
+        typer.Option(
+            help=f"The policy that drives the robot: {CHOICES}; or {OPERATOR}. By default the first of "
+            f"{', '.join(PREFERRED)} that the environment has."
+        ),
+    ] = None,
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
     ] = "woman",
@@ -276,7 +280,7 @@ def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]"
 def _free_session(
     folder: Path,
     environments: list[str],
-    policy: str,
+    policy: str | None,
     person: Sex,
     furniture: "RealFurniture",
     trials: int,
@@ -317,6 +321,9 @@ def _free_session(
         trial_steps=trial_steps,
     )
     policies = load_policies(plan)
+    for environment, name in policies if policy is None else ():
+        if name != PREFERRED[0]:
+            warn(f"{environment} has no policy {PREFERRED[0]}; its robot is driven by {name}")
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(
         plan,

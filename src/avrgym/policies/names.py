@@ -2,5 +2,7 @@
 
 SCRIPTS = ("oracle", "random", "zero")
 OPERATOR = "operator"
+PREFERRED = ("adaptive", "revised", "oracle")
+"""Policies of sessions without `--policy`: the first one that the environment has."""
 FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
-CHOICES = f"original, revised, {', '.join(SCRIPTS)}, {FORMS}, or the name of a plug-in's controller"
+CHOICES = f"adaptive, original, revised, {', '.join(SCRIPTS)}, {FORMS}, or the name of a plug-in's controller"

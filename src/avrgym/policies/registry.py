@@ -13,7 +13,7 @@ from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
+from avrgym.policies.names import FORMS, OPERATOR, PREFERRED, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
 from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
@@ -45,6 +45,12 @@ AnyPolicy = RobotPolicy | HumanOperator
 def named_policies(environment_id: str) -> list[str]:
     """Returns the names of an environment's policies: packaged policies, scripts and registered controllers."""
     return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
+
+
+def preferred_policy(environment_id: str) -> str:
+    """Returns the first name of ``PREFERRED`` that is a policy of the environment."""
+    names = named_policies(environment_id)
+    return next(name for name in PREFERRED if name in names)
 
 
 def skipped_plugins() -> list[str]:

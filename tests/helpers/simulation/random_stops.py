@@ -104,7 +104,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], F
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(MOTIONS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, episodes.action_size)))
-    policy = load_policy("revised", episodes.environment_id, episodes.observation.size, 7)
+    policy = load_policy("revised", episodes.environment_id, episodes.observation.size, episodes.action_size)
 
     def act() -> FloatArray:
         actions = np.stack(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
-from avrgym.policies.registry import AnyPolicy, find_for_session
+from avrgym.policies.registry import AnyPolicy, find_for_session, preferred_policy
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.recording.configuration import RecordedConsent
@@ -114,11 +114,15 @@ class SessionPlan:
         return self.items if trial.items is None else trial.items
 
 
-def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
-    """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial."""
+def practised_trials(
+    environments: Sequence[str], policy: str | None, trials: int, seed: int
+) -> list[TrialPlan]:
+    """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial.
+    Without a policy, each environment has its preferred one."""
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
-        TrialPlan(environment, policy, seed + i, practice) for i, (environment, practice) in enumerate(order)
+        TrialPlan(environment, policy or preferred_policy(environment), seed + i, practice)
+        for i, (environment, practice) in enumerate(order)
     ]
 
 
