@@ -260,8 +260,8 @@ def test_the_overload_penalty_follows_the_most_loaded_region():
     for _ in range(steps):
         action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         worlds.command(action)
-        for _ in range(SUBSTEPS):
-            worlds.simulation.step(1)
+        for substep in range(SUBSTEPS):
+            worlds.step_physics(substep, 1)
             watch.add(worlds.simulation.region_force_n())
         seen = worlds.evaluate_step(action).observation
     peak_share = (watch.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)

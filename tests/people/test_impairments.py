@@ -71,8 +71,8 @@ def test_joints_tremble_with_their_amplitude():
     episodes, angles = reset_episodes("tremor"), []
     for _ in range(12):
         episodes.command(STILL)
-        for _ in range(SUBSTEPS):
-            episodes.simulation.step(1)
+        for substep in range(SUBSTEPS):
+            episodes.step_physics(substep, 1)
             angles.append(episodes.simulation.person_angles_rad())
         episodes.evaluate_step(STILL)
     heads = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]

@@ -54,8 +54,8 @@ def test_measuring_forces_changes_no_bit(environment, people, rng):
     for action in rng.uniform(-1.0, 1.0, (8, 4, 7)):
         one = plain.step(action)
         measured.command(action)
-        for _ in range(SUBSTEPS):
-            measured.simulation.step(1)
+        for substep in range(SUBSTEPS):
+            measured.step_physics(substep, 1)
             measured.simulation.region_force_n()
         other = measured.evaluate_step(action)
         for name in ("observation", "reward", "force_on_person_n", "distance_m", "success"):

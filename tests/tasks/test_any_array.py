@@ -168,7 +168,9 @@ def behaviour_models(
     def targets(sight: Any) -> Any:
         if steered:
             model.move_targets(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
-        return model.step(lambda: sight, who, possible)
+            return model.step(lambda: sight, who, possible)
+        model.choose_goals(lambda: sight, possible)
+        return model.next_targets(possible, 10)
 
     return [targets(sight) for sight in sights]
 

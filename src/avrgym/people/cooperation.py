@@ -2,7 +2,8 @@
 
 These people perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean
 towards a near tool. In scratching and bathing they lift the arm towards a near tool. In every task they sway a little.
-The values are assumptions about unhurried adults: reaction 0.2 to 0.4 s, slow turns, sway below 0.5 Hz.
+The values are assumptions about unhurried adults: reaction 0.2 to 0.4 s, sway below 0.5 Hz. ``people.motor`` moves the
+joints.
 """
 
 from collections.abc import Mapping
@@ -17,6 +18,8 @@ from avrgym.geometry.arrays import constant_like, float_copy, interpolate, names
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import motor
+from avrgym.people.motor import MotorState
 
 OfferedPart = Literal["mouth", "arm", "nothing"]
 
@@ -57,9 +60,8 @@ SWAY_HZ = (0.1, 0.3)
 NEAR_MOUTH_M, LEAN_RAD = 0.30, float(np.radians(10.0))
 NEAR_ARM_M, LIFT_RAD = 0.40, float(np.radians(8.0))
 HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
-SPEED_RAD_S = np.array(
-    [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
-)
+PACE = (0.82, 1.18)
+"""Speed and acceleration relative to the limits of ``people.motor``, as of cooperating partners of the zoo."""
 
 OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
@@ -68,7 +70,7 @@ OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
 }
 """Joints that move the offered body part towards the tool."""
 
-_WAIST_X, _WAIST_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["waist_y"]
+_WAIST_X = JOINT_INDEX["waist_x"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
 _LIFT = np.array([JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]])
 
@@ -79,9 +81,9 @@ class CooperationState:
 
     Attributes:
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
-        targets_rad: joint targets without sway (N, 20).
+        targets_rad: joint targets without rhythmic motion (N, 20).
         rest_rad: initial joint angles (N, 20).
-        time_s: time since the start of the episode (N,).
+        time_s: time since the start of the episode (N,), in version 1 of the motion.
         reaction_steps: reaction delay in control steps (N,).
         facing_share: share (N,) of the turn that would face the tool completely.
         sway_rad: sway amplitude (N,).
@@ -119,23 +121,26 @@ def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
     )
 
 
-def update_targets(
-    state: CooperationState, observation: PersonObservation, offered: OfferedPart, posture: Posture
-) -> CooperationState:
-    """Returns the next state: the tool is observed, and the joint targets move for one control step."""
+def choose_goals(
+    state: CooperationState,
+    goals_rad: FloatArray,
+    observation: PersonObservation,
+    offered: OfferedPart,
+    posture: Posture,
+) -> tuple[CooperationState, FloatArray]:
+    """Returns the next state, in which the tool is observed, and the joint angles (N, 20) that people want. Joints
+    without a reason to move keep the previous ``goals_rad`` (N, 20)."""
     xp = namespace(state.targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
     tool = history[row_indices(history), state.reaction_steps]
     match offered:
         case "mouth":
-            targets = _mouth_targets(state, observation, tool, posture)
+            goals = _mouth_goals(state, goals_rad, observation, tool, posture)
         case "arm":
-            targets = _arm_targets(state, observation, tool)
+            goals = _arm_goals(state, goals_rad, observation, tool)
         case "nothing":
-            targets = state.targets_rad
-    reach = constant_like(SPEED_RAD_S * CONTROL_STEP_S, state.targets_rad)
-    moved = state.targets_rad + xp.clip(targets - state.targets_rad, -reach, reach)
-    return replace(state, tool_history_w=history, targets_rad=moved)
+            goals = goals_rad
+    return replace(state, tool_history_w=history), goals
 
 
 def advance_time(state: CooperationState) -> CooperationState:
@@ -143,21 +148,24 @@ def advance_time(state: CooperationState) -> CooperationState:
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
-def sway_rad(state: CooperationState) -> FloatArray:
-    """Returns the sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
-    xp = namespace(state.targets_rad)
-    angle = 2.0 * np.pi * state.sway_hz * state.time_s
-    phase = state.phase_rad[:, :2].T
-    shift = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
-    wave = xp.zeros_like(state.targets_rad)
-    wave[:, _WAIST_X], wave[:, _WAIST_Y] = state.sway_rad * shift[0], state.sway_rad * shift[1]
-    return wave
+def motor_state(state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool) -> MotorState:
+    """Returns the initial state of the motor model, from the uniform numbers of ``initial_state``. ``sways``: whether
+    people sway and have physiological tremor."""
+    none, further = 0.0 * state.time_s, motor.low_digits(uniforms)
+    rhythms = motor.rhythms_of(state.sway_rad, state.sway_hz, state.phase_rad, none, none, further[:, 4:6])
+    return motor.initial_state(
+        people, rhythms if sways else None, interpolate(PACE, further[:, 3]), further[:, :3]
+    )
 
 
-def _mouth_targets(
-    state: CooperationState, observation: PersonObservation, tool_w: FloatArray, posture: Posture
+def _mouth_goals(
+    state: CooperationState,
+    goals_rad: FloatArray,
+    observation: PersonObservation,
+    tool_w: FloatArray,
+    posture: Posture,
 ) -> FloatArray:
-    """Returns joint targets (N, 20) that turn the face to the tool, and lean towards a tool that is near and in
+    """Returns goals (N, 20) that turn the face to the tool, and lean towards a tool that is near and in
     front."""
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
@@ -165,20 +173,22 @@ def _mouth_targets(
     ahead = in_torso_frame(state.targets_rad, offset, posture)
     turn = xp.clip(state.facing_share[:, None] * head_angles_toward(ahead), -most, most)
     near = visible & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
-    targets = float_copy(state.targets_rad)
-    targets[:, head] = xp.where(visible[:, None], turn, targets[:, head])
-    targets[:, _WAIST_X] = xp.where(near, LEAN_RAD, targets[:, _WAIST_X])
-    return targets
+    goals = float_copy(goals_rad)
+    goals[:, head] = xp.where(visible[:, None], turn, goals[:, head])
+    goals[:, _WAIST_X] = xp.where(near, LEAN_RAD, goals[:, _WAIST_X])
+    return goals
 
 
-def _arm_targets(state: CooperationState, observation: PersonObservation, tool_w: FloatArray) -> FloatArray:
-    """Returns joint targets (N, 20). If the tool is near, the right arm is lifted sideways and stretched a little."""
+def _arm_goals(
+    state: CooperationState, goals_rad: FloatArray, observation: PersonObservation, tool_w: FloatArray
+) -> FloatArray:
+    """Returns goals (N, 20). If the tool is near, the right arm is lifted sideways and stretched a little."""
     xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
     raised = state.rest_rad[:, lift] + LIFT_RAD
-    targets = float_copy(state.targets_rad)
-    targets[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], raised, targets[:, lift])
-    return targets
+    goals = float_copy(goals_rad)
+    goals[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], raised, goals[:, lift])
+    return goals
 
 
 def in_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:

@@ -17,6 +17,7 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import shoulder_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
+from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ALLOWED_PEOPLE, ORIGINAL, PARTICIPANTS, REVISED
 from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet
 
@@ -39,7 +40,7 @@ class Distribution:
 
     People move if ``cooperating`` is true or ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
-    They replace the ranges of the task.
+    They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for ``people.motion_version_1``.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -48,6 +49,7 @@ class Distribution:
     cooperating: bool = False
     poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
     partners: PartnerSet | None = None
+    motion_version: int = MOTION_VERSION
 
     @property
     def moving(self) -> bool:
@@ -70,10 +72,17 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
     PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
-NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = DISTRIBUTIONS | {
+_NAMED = DISTRIBUTIONS | {
     name: replace(_REVISED, partners=partners) for name, partners in SINGLE_STYLE_SETS.items()
 }
-"""All named distributions, including single styles of the zoo such as ``zoo/train/startled``."""
+MOTION_VERSIONS = (1, MOTION_VERSION)
+NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = _NAMED | {
+    f"{name}@{version}": replace(distribution, motion_version=version)
+    for name, distribution in _NAMED.items()
+    for version in MOTION_VERSIONS
+}
+"""All named distributions, including single styles of the zoo such as ``zoo/train/startled``, and versions of their
+motion such as ``participants@1``. Names without a version have the newest."""
 
 ARM_CLEARANCE_M = 0.01
 """Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
@@ -107,6 +116,12 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
     if name_or_path in NAMED_DISTRIBUTIONS:
         return NAMED_DISTRIBUTIONS[name_or_path]
     if not Path(name_or_path).is_file():
+        name, _, version = name_or_path.rpartition("@")
+        if name in _NAMED:
+            allowed = ", ".join(f"{name}@{known}" for known in MOTION_VERSIONS)
+            raise ValueError(
+                f"unknown version {version!r} of the motion of {name}; allowed: {name}, {allowed}"
+            )
         raise ValueError(f"unknown people {name_or_path!r}; allowed: {ALLOWED_PEOPLE}")
     from avrgym.people.people_file import read_people
 

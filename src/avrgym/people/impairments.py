@@ -80,7 +80,7 @@ def limit_joint_ranges(people: People, share: FloatArray) -> People:
 
 
 def clip_to_ranges(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns joint angles (n, 20), clipped to the joint ranges of ``people``."""
+    """Returns joint angles (..., n, 20), clipped to the joint ranges of ``people``."""
     share = people.range_share[:, None]
     lower, upper = share * constant_like(LOWER_RAD, share), share * constant_like(UPPER_RAD, share)
     return namespace(joint_angles_rad).clip(joint_angles_rad, lower, upper)

@@ -254,9 +254,16 @@ class Simulation:
         else:
             self._now.ctrl[np.nonzero(which)[0][:, None], self._names.person_ctrl] = command[which]
 
-    def step(self, substeps: int = SUBSTEPS) -> None:
-        """Advance all worlds by physics steps. Forces are from the last step, positions from its end."""
-        self.engine.step(substeps)
+    def step(self, substeps: int = SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
+        """Advance all worlds by physics steps. Forces are from the last step, positions from its end.
+
+        ``person_targets_rad`` (``substeps``, N, 20) are targets of a moving person's servos, one for each physics step;
+        not with ``gliding``.
+        """
+        if person_targets_rad is None:
+            self.engine.step(substeps)
+        else:
+            self.engine.step_with_controls(self._at.person_ctrl, person_targets_rad)
         self._now = self.engine.now
 
     def check(self) -> None:

@@ -1,5 +1,5 @@
 """Behaviour model of N people: computes their joint targets. People are still, have tremor, cooperate, or behave like
-partners of the zoo."""
+partners of the zoo. ``people.motor`` moves their joints."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,17 +10,23 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models.human import People, Posture
-from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import cooperation
+from avrgym.people import cooperation, motion_version_1, motor
 from avrgym.people.cooperation import CooperationState, OfferedPart, PersonObservation
 from avrgym.people.distributions import Distribution
+from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
-from avrgym.tasks.task import replace_worlds
+from avrgym.tasks.task import replace_worlds, state_arrays
+
+BehaviourState = CooperationState | PartnerState
 
 
 class BehaviourModel:
-    """Computes the joint targets of N people of one distribution, each in an independent episode."""
+    """Computes the joint targets of N people of one distribution, each in an independent episode.
+
+    With ``people.motor``, call ``choose_goals`` every 0.1 s, and ``next_targets`` for the targets until the next call.
+    With version 1 of the motion, call ``step`` every 0.1 s.
+    """
 
     def __init__(
         self,
@@ -47,27 +53,36 @@ class BehaviourModel:
         self._offered: OfferedPart = offered
         self._posture = posture
         height = people.torso_height_m
+        self._exemplar = height if exemplar is None else exemplar
         uniforms = namespace(height).zeros(
             (len(height), cooperation.NUM_UNIFORMS), dtype=height.dtype, device=height.device
         )
-        self._state = moved_to(self._initial(people, uniforms), height if exemplar is None else exemplar)
+        self._state, self._motor = self._initial(people, uniforms)
 
-    def saved(self) -> CooperationState | PartnerState:
+    def saved(self) -> tuple[BehaviourState, MotorState]:
         """Returns the whole state on which the next steps depend."""
-        return self._state
+        return self._state, self._motor
 
-    def restore(self, saved: CooperationState | PartnerState) -> None:
+    def restore(self, saved: tuple[BehaviourState, MotorState]) -> None:
         """Restores a state from ``saved``."""
-        self._state = saved
+        self._state, self._motor = saved
 
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:
         """Start episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``cooperation.NUM_UNIFORMS``)."""
-        self._state = replace_worlds(self._state, self._initial(people, uniforms), ids)
+        state, motor_state = self._initial(people, uniforms)
+        self._state = replace_worlds(self._state, state, ids)
+        self._motor = replace_worlds(self._motor, motor_state, ids)
 
-    def _initial(self, people: People, uniforms: FloatArray) -> CooperationState | PartnerState:
-        if self._partners is None:
-            return cooperation.initial_state(people, uniforms)
-        return partner_behaviour.initial_state(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
+    def _initial(self, people: People, uniforms: FloatArray) -> tuple[BehaviourState, MotorState]:
+        if self._partners is not None:
+            state = partner_behaviour.initial_state(
+                people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:]
+            )
+            moved = partner_behaviour.motor_state(state, people)
+        else:
+            state = cooperation.initial_state(people, uniforms)
+            moved = cooperation.motor_state(state, people, uniforms, sways=self._cooperating)
+        return moved_to(state, self._exemplar), moved_to(moved, self._exemplar)
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
         """Move the targets of the joints ``joints`` for one control step. Actions (N, K) are speeds, divided by the
@@ -82,9 +97,7 @@ class BehaviourModel:
         limit: JointLimiter,
         which: BoolArray | None = None,
     ) -> FloatArray:
-        """Take a step of 0.1 s; returns the joint targets (N, 20) at its end.
-
-        Tremor changes its direction at every step (reference).
+        """Take a step of 0.1 s in version 1 of the motion; returns the joint targets (N, 20) at its end.
 
         Args:
             observe: returns the observation of the people; called only for people who react to it.
@@ -93,28 +106,39 @@ class BehaviourModel:
             which: mask (N,) of the worlds that take the step; ``None``: all. The returned targets of other worlds have
                 no meaning.
         """
-        state = self._state
+        old, offered, posture = self._state, self._offered, self._posture
+        if isinstance(old, PartnerState):
+            state, targets = motion_version_1.step_partners(old, people, observe(), offered, posture, limit)
+        else:
+            observation = observe() if self._cooperating else None
+            state, targets = motion_version_1.step_participants(old, people, observation, offered, posture)
+        self._state = _chosen(which, state, self._state)
+        return limit(targets)
+
+    def choose_goals(
+        self, observe: Callable[[], PersonObservation], limit: JointLimiter, which: BoolArray | None = None
+    ) -> None:
+        """Choose the joint angles that people want for the next 0.1 s. The arguments are those of ``step``."""
+        state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
+        goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):
-            state = partner_behaviour.step(state, observe(), self._offered, self._posture, limit)
-            onset = partner_behaviour.onset_share(state)[:, None]
-            tremor = _tremor_direction(state.time_s) * onset * people.tremor_rad
-            targets = state.targets_rad + partner_behaviour.oscillation_rad(state) + tremor
-        else:
-            state = cooperation.advance_time(state)
-            targets = state.targets_rad + _tremor_direction(state.time_s) * people.tremor_rad
-            if self._cooperating:
-                state = cooperation.update_targets(state, observe(), self._offered, self._posture)
-                targets = targets + cooperation.sway_rad(state)
-        if which is None:
-            self._state = state
-        else:
-            rows = np.nonzero(which)[0]
-            taken = type(state)(**{name: array[rows] for name, array in vars(state).items()})
-            self._state = replace_worlds(self._state, taken, rows)
+            state, goals = partner_behaviour.choose_goals(state, observe(), self._offered, self._posture)
+            startled = partner_behaviour.are_startled(state)
+        elif self._cooperating:
+            state, goals = cooperation.choose_goals(state, goals, observe(), self._offered, self._posture)
+        moved = motor.set_goal(self._motor, limit(goals), startled)
+        self._state, self._motor = _chosen(which, state, self._state), _chosen(which, moved, self._motor)
+
+    def next_targets(self, limit: JointLimiter, count: int) -> FloatArray:
+        """Take ``count`` steps of 10 ms; returns the joint targets (``count``, N, 20) at their ends."""
+        self._motor, targets = motor.next_targets_rad(self._motor, count)
         return limit(targets)
 
 
-def _tremor_direction(time_s: FloatArray) -> FloatArray:
-    """The sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step."""
-    odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
-    return (2.0 * odd - 1.0)[:, None]
+def _chosen(which: BoolArray | None, new: Any, old: Any) -> Any:
+    """Returns the state ``new`` in the worlds of a mask (N,), and ``old`` in others; ``None``: all worlds."""
+    if which is None:
+        return new
+    rows = np.nonzero(which)[0]
+    taken = {name: array[rows] for name, array in state_arrays(new).items()}
+    return replace_worlds(old, type(new)(**taken), rows)

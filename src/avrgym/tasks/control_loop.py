@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import gcd
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -157,15 +158,14 @@ class ControlLoop:
         self._commanded = self._episodes.checked(actions)
         self._execute(self.apply_withdrawal(self._commanded))
         if self.guard is None and recorder is None:
-            for substep in range(0, self._substeps, SUBSTEPS):
-                self._command_people(substep)
-                self._simulation.step(min(SUBSTEPS, self._substeps))
+            together = gcd(SUBSTEPS, self._substeps)
+            for substep in range(0, self._substeps, together):
+                self._episodes.step_physics(substep, together)
             return self._finish()
         for substep in range(self._substeps):
-            self._command_people(substep)
             if substep > 0:
                 self._change(None)
-            self._simulation.step(1)
+            self._episodes.step_physics(substep, 1)
             if recorder is not None:
                 recorder.add(self._simulation.region_force_n())
         return self._finish()
@@ -174,11 +174,6 @@ class ControlLoop:
         """Start a control step with actions (N, J), which the guard may override."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
         self._episodes.command(self._executed)
-
-    def _command_people(self, substep: int) -> None:
-        """Command people who act several times within a control step."""
-        if substep > 0 and substep % SUBSTEPS == 0:
-            self._episodes.command_people_by_themselves()
 
     def _change(self, actions: FloatArray | None) -> bool:
         """Apply new actions of source or guard within a control step. Returns whether actions changed."""
@@ -216,8 +211,8 @@ class ControlLoop:
         else:
             self._amend_ticks(source, hold)
         self._was_held = hold
-        self._command_people(self._substep)
-        self._advance()
+        self._observation = None
+        self._episodes.step_physics(self._substep, 1)
         self._substep = (self._substep + 1) % self._substeps
         if self._substep:
             return None

@@ -15,6 +15,7 @@ from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models import robot as robot_model
 from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
+from avrgym.models.scene import SUBSTEPS
 from avrgym.people import cooperation
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartClearance
@@ -329,17 +330,27 @@ class Episodes:
         return checked_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
-        """Command the robots with checked actions (N, J), and set the targets of people who move by themselves."""
+        """Command the robots with checked actions (N, J), and people who move once in a control step or in 0.1 s."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.human_observation()))
-        self.command_people_by_themselves()
+        if not self._people.smooth:
+            self._command_people_by_themselves()
 
-    def command_people_by_themselves(self) -> None:
-        """Set the joint targets for the next 0.1 s of people who move by themselves, in worlds in which such an
-        interval begins."""
+    def _command_people_by_themselves(self) -> None:
         if self._people.move:
             self.simulation.command_person(*self._people.step(self.simulation.state))
+
+    def step_physics(self, substep: int, count: int) -> None:
+        """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on. People who
+        move by themselves move. ``count`` divides ``SUBSTEPS``."""
+        if self._people.smooth:
+            targets = self._people.next_targets(self.simulation.state, count)
+            self.simulation.step(count, targets)
+            return
+        if substep > 0 and substep % SUBSTEPS == 0:
+            self._command_people_by_themselves()
+        self.simulation.step(count)
 
     def check(self) -> None:
         """Check all results since the last check on a device. Call it once per episode.

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.arrays import choose_index, moved_to
+from avrgym.geometry.arrays import choose_index, moved_to, namespace
 from avrgym.models.human import JOINTS, People, Person
-from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
+from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.networks.policy import PolicyError
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
@@ -17,6 +17,7 @@ from avrgym.people.clinical_impairments import motor_signs
 from avrgym.people.cooperation import PersonObservation
 from avrgym.people.distributions import Pose
 from avrgym.people.impaired_motion import ImpairedState, MotorSigns
+from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
 from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
@@ -64,8 +65,8 @@ class WorldPeople:
     """The people of N worlds. ``people`` are their bodies, on the host.
 
     ``trained`` are the trained policies that move people, if any. ``move``: whether people move during episodes.
-    ``glide``: whether their joint targets are interpolated. ``extra_clearance_m`` is the additional clearance that
-    their motion needs.
+    ``smooth``: whether their joint targets change every 10 ms. ``glide``: whether joint targets that change every 0.1 s
+    are interpolated. ``extra_clearance_m`` is the additional clearance that their motion needs.
     """
 
     def __init__(
@@ -128,7 +129,9 @@ class WorldPeople:
             )
         )
         self._clinical = self.move and clinical
-        self.glide = self.move and (self._actions or are_partners or clinical)
+        versions = {each.distribution.motion_version for each in self._populations}
+        self.smooth = self.move and not self._actions and versions == {MOTION_VERSION}
+        self.glide = self.move and not self.smooth and (self._actions or are_partners or clinical)
         self._num_worlds = num_worlds
         self._steps_per_target = max(1, round(CONTROL_STEP_S / scene.control_step_s))
         self._steps = np.zeros(num_worlds, dtype=int)
@@ -236,21 +239,38 @@ class WorldPeople:
         """Returns the joint targets (N, 20) for the end of the next 0.1 s, and a mask (N,) of the worlds in which they
         are new; ``None``: all worlds.
 
-        Call this method in every control step, or every 0.1 s if control steps are longer.
+        Call this method in every control step, or every 0.1 s if control steps are longer. With ``smooth``, call
+        ``next_targets`` instead.
         """
-        if self._steps_per_target == 1:
-            return self._impaired(self._behaviour.step(observe, self._device_people, self._limit)), None
-        due = self._steps % self._steps_per_target == 0
+        which = self._due(self._steps_per_target)
         self._steps += 1
-        targets = self._behaviour.step(observe, self._device_people, self._limit, due)
-        return self._impaired(targets, due), due
+        targets = self._behaviour.step(observe, self._device_people, self._limit, which)
+        return self._impaired(targets, CONTROL_STEP_S, which), which
 
-    def _impaired(self, targets_rad: FloatArray, which: BoolArray | None = None) -> FloatArray:
-        """Returns the joint targets (N, 20) that impaired people execute, in the worlds ``which`` (N,)."""
+    def next_targets(self, observe: Callable[[], PersonObservation], count: int) -> FloatArray:
+        """Returns the joint targets (``count``, N, 20) for the ends of the next physics steps. ``count`` divides
+        ``SUBSTEPS``; the previous counts add up to one of its multiples."""
+        which = self._due(SUBSTEPS)
+        if which is None or which.any():
+            self._behaviour.choose_goals(observe, self._limit, which)
+        self._steps += count
+        targets = self._behaviour.next_targets(self._limit, count)
+        if self._signs is None:
+            return targets
+        return namespace(targets).stack([self._impaired(each, PHYSICS_STEP_S) for each in targets])
+
+    def _due(self, every: int) -> BoolArray | None:
+        """Mask (N,) of worlds in which people observe and choose; ``None``: all worlds."""
+        due = self._steps % every == 0
+        return None if due.all() else due
+
+    def _impaired(self, targets_rad: FloatArray, step_s: float, which: BoolArray | None = None) -> FloatArray:
+        """Returns the joint targets (N, 20) that impaired people execute after ``step_s``, in the worlds ``which``
+        (N,)."""
         if self._signs is None or self._motion is None:
             return targets_rad
         motion, executed = impaired_motion.step(
-            self._signs, self._motion, targets_rad, self._device_people.joint_angles_rad, CONTROL_STEP_S
+            self._signs, self._motion, targets_rad, self._device_people.joint_angles_rad, step_s
         )
         if which is None:
             self._motion = motion
@@ -284,5 +304,5 @@ class WorldPeople:
 
 
 def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns joint angles (N, 20), limited to the joint ranges and shoulder limits of these people."""
+    """Returns joint angles (..., N, 20), limited to the joint ranges and shoulder limits of these people."""
     return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))

@@ -1,19 +1,6 @@
-"""Behaviour model of zoo partners: it computes their joint targets from their observations.
+"""Behaviour model of zoo partners: it computes the joint angles that they want from their observations.
 
-Joint targets follow the desired angles with limited speed and acceleration. Sway, chewing and tremor are added. Servos
-interpolate between the targets of control steps, see ``Simulation.command_person``.
-
-Limits of unhurried people:
-
-- head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s. The acceleration is a quarter of that of
-  running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988);
-- arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
-  Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with
-  minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
-- waist 0.35 rad/s and 2 rad/s²: our assumption.
-
-Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
-(Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
+``people.motor`` moves the joints to these goals, and adds sway, chewing and tremor.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry import elementary, transforms
+from avrgym.geometry import transforms
 from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, float_copy, namespace, row_indices
-from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
+from avrgym.models.human import JOINT_INDEX, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import cooperation
+from avrgym.people import cooperation, motor
 from avrgym.people.cooperation import (
     HEAD_TURN_RAD,
     LEAN_RAD,
@@ -37,6 +24,7 @@ from avrgym.people.cooperation import (
     OfferedPart,
     PersonObservation,
 )
+from avrgym.people.motor import GOLDEN_RATIO_FRACTION, SPEED_RAD_S, MotorState
 from avrgym.people.zoo.partners import PARTNER_PARAMETERS, BehaviourParameters
 
 JointLimiter = Callable[[FloatArray], FloatArray]
@@ -44,18 +32,9 @@ JointLimiter = Callable[[FloatArray], FloatArray]
 
 REMEMBERED_STEPS = 11
 """Number of stored tool positions: the current position and those of the last second."""
-SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
-ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
-STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
-"""Factors that multiply speed and acceleration while people are startled."""
 STARTLE_INTERVAL_S = 3.0
 """Minimum time between two startles."""
 NEVER_S = 1e6
-ONSET_S = 1.0
-"""Time until sway, chewing and tremor reach their full amplitude."""
-GOLDEN_RATIO_FRACTION = 0.6180339887498949
-"""The fractional parts of this number's multiples are equidistributed (Weyl). They serve as pseudo-random numbers."""
-
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
 _SHOULDER, _ELBOW = JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]
@@ -70,8 +49,8 @@ class PartnerState:
         num_uniforms: random numbers of each person, 0 to 1 (N, 4).
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
-        targets_rad: joint targets without sway, chewing and tremor (N, 20).
-        speed_rad_s: speeds of the targets (N, 20).
+        targets_rad: joint targets without rhythmic motion (N, 20).
+        speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
         time_s: time since the start of the episode (N,).
         near_s: time since the tool came near; 0 if the tool is not near (N,).
         since_startle_s: time since the latest startle (N,).
@@ -121,15 +100,11 @@ def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> P
     )
 
 
-def step(
-    state: PartnerState,
-    observation: PersonObservation,
-    offered: OfferedPart,
-    posture: Posture,
-    limit_joints: JointLimiter,
-) -> PartnerState:
-    """Returns the next state: the tool is observed, and the joint targets move for one control step. ``limit_joints``
-    clips the desired angles to the joint ranges."""
+def choose_goals(
+    state: PartnerState, observation: PersonObservation, offered: OfferedPart, posture: Posture
+) -> tuple[PartnerState, FloatArray]:
+    """Returns the next state, in which the tool is observed, and the joint angles (N, 20) that partners want, before
+    limits of range and speed."""
     parameters = PARTNER_PARAMETERS.of(state.partner, state.time_s)
     history = namespace(state.tool_history_w).concat(
         [observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1
@@ -137,7 +112,27 @@ def step(
     state = replace(state, tool_history_w=history, time_s=state.time_s + CONTROL_STEP_S)
     percept = _perceive_tool(state, parameters, observation, offered, posture)
     state = _update_startle(state, parameters, percept, offered)
-    return _track(state, parameters, limit_joints(_desired_angles(state, parameters, percept, offered)))
+    return state, _desired_angles(state, parameters, percept, offered)
+
+
+def are_startled(state: PartnerState) -> BoolArray:
+    """Returns a mask (N,) of the partners who start."""
+    return state.since_startle_s <= PARTNER_PARAMETERS.of(state.partner, state.time_s).startle_s
+
+
+def motor_state(state: PartnerState, people: People) -> MotorState:
+    """Returns the initial state of the motor model."""
+    parameters, uniforms = PARTNER_PARAMETERS.of(state.partner, state.time_s), state.num_uniforms
+    further = motor.low_digits(uniforms)
+    rhythms = motor.rhythms_of(
+        RAD_PER_DEGREE * parameters.sway_deg,
+        parameters.sway_hz,
+        2.0 * np.pi * uniforms[:, :2],
+        RAD_PER_DEGREE * parameters.chew_deg,
+        parameters.chew_hz,
+        further[:, 2:],
+    )
+    return motor.initial_state(people, rhythms, parameters.speed_share, further[:, :3])
 
 
 def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
@@ -148,25 +143,6 @@ def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatA
     reach = constant_like(CONTROL_STEP_S * SPEED_RAD_S[columns], targets)
     targets[:, constant_like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
     return targets
-
-
-def oscillation_rad(state: PartnerState) -> FloatArray:
-    """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
-    xp, parameters = namespace(state.targets_rad), PARTNER_PARAMETERS.of(state.partner, state.time_s)
-    wave = xp.zeros_like(state.targets_rad)
-    phase = 2.0 * np.pi * state.num_uniforms[:, :2].T
-    angle = 2.0 * np.pi * parameters.sway_hz * state.time_s
-    swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
-    extent = RAD_PER_DEGREE * parameters.sway_deg
-    wave[:, _WAIST[0]], wave[:, _WAIST[1]] = extent * swung[0], extent * swung[1]
-    opened = 0.5 - 0.5 * elementary.cos(2.0 * np.pi * parameters.chew_hz * state.time_s)
-    wave[:, _HEAD[0]] = -(RAD_PER_DEGREE * parameters.chew_deg) * opened * onset_share(state)
-    return wave
-
-
-def onset_share(state: PartnerState) -> FloatArray:
-    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It grows from 0 to 1."""
-    return namespace(state.time_s).minimum(state.time_s / ONSET_S, 1.0)
 
 
 def _perceive_tool(
@@ -295,19 +271,3 @@ def _uniform(first: FloatArray, count: FloatArray) -> FloatArray:
     """Returns pseudo-random numbers (N,) in 0..1 for the event numbers ``count`` (N,)."""
     value = first + GOLDEN_RATIO_FRACTION * count
     return value - namespace(value).floor(value)
-
-
-def _track(state: PartnerState, parameters: BehaviourParameters, desired: FloatArray) -> PartnerState:
-    """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
-    there."""
-    xp = namespace(desired)
-    startled = (state.since_startle_s <= parameters.startle_s)[:, None]
-    pace = parameters.speed_share[:, None]
-    most = constant_like(SPEED_RAD_S, desired) * xp.where(startled, STARTLE_SPEED_FACTOR, pace)
-    sudden = xp.where(startled, STARTLE_ACCELERATION_FACTOR, pace)
-    change = constant_like(ACCELERATION_RAD_S2, desired) * sudden * CONTROL_STEP_S
-    way = desired - state.targets_rad
-    braked = xp.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * xp.abs(way)) - 0.5 * change
-    speed = xp.copysign(xp.minimum(xp.minimum(most, braked), xp.abs(way) / CONTROL_STEP_S), way)
-    speed = xp.clip(speed, state.speed_rad_s - change, state.speed_rad_s + change)
-    return replace(state, targets_rad=state.targets_rad + CONTROL_STEP_S * speed, speed_rad_s=speed)

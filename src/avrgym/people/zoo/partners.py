@@ -43,7 +43,7 @@ class BehaviourParameters:
         chew_deg, chew_hz: head motion with the jaw.
         shift_deg, shift_every_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
-        speed_share: speed and acceleration relative to ``partner_behaviour.SPEED_RAD_S`` and ``ACCELERATION_RAD_S2``.
+        speed_share: speed and acceleration relative to the limits of ``people.motor``.
         tremor_deg: tremor amplitude of the head; that of the arms is half as large.
         strength_share, range_share: joint torques and joint ranges, relative to the full ones.
     """

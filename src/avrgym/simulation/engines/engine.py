@@ -73,6 +73,11 @@ class Engine(Protocol):
         """
         ...
 
+    def step_with_controls(self, columns: Any, values: Any) -> None:
+        """Advance all worlds by K physics steps, see ``step``. Before each step, the ``columns`` (C,) of ``ctrl`` are
+        set to the next of ``values`` (K, N, C)."""
+        ...
+
     def check(self) -> None:
         """Check all steps since the last check.
 

@@ -1,9 +1,10 @@
 """MuJoCo on threads of the host. Results are bit-identical with any number of threads."""
 
 import mujoco
+import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.array_types import IntArray
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import Arrays, check_host_memory
 from avrgym.system.engines import THREADS
@@ -29,6 +30,17 @@ class Threads:
     def step(self, substeps: int) -> None:
         """See ``Engine``."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+
+    def step_with_controls(self, columns: IntArray, values: FloatArray) -> None:
+        """See ``Engine``."""
+        if len(values) == 1:
+            self.now.ctrl[:, columns] = values[0]
+            self.step(1)
+            return
+        controls = np.repeat(self.now.ctrl[:, None], len(values), axis=1)
+        controls[..., columns] = values.transpose(1, 0, 2)
+        self.batch.rollout(len(values), controls, record=())
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def check(self) -> None:
         """Does nothing: memory on the host grows as needed."""

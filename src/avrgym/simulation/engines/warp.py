@@ -132,6 +132,12 @@ class Warp:
             getattr(self.now, name)[:] = to_numpy(self._there[name])
         self.check()
 
+    def step_with_controls(self, columns: Any, values: Any) -> None:
+        """See ``Engine``."""
+        for each in values:
+            self.now.ctrl[:, columns] = each
+            self.step(1)
+
     def _run(self, substeps: int) -> None:
         """Run physics steps. On a GPU the first call is captured as a CUDA graph, which later calls replay.
 

@@ -1,0 +1,120 @@
+"""Version 1 of the motion of simulated people, for comparison: joint targets change once in 0.1 s.
+
+People whose name ends with ``@1``, such as ``participants@1``, move so. Targets of participants jump to the next pose.
+Those of zoo partners are interpolated; they have limited acceleration, sway, chewing and alternating tremor.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import elementary
+from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, namespace
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
+from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.people import cooperation
+from avrgym.people.cooperation import CooperationState, OfferedPart, PersonObservation
+from avrgym.people.motor import (
+    ACCELERATION_RAD_S2,
+    SPEED_RAD_S,
+    STARTLE_ACCELERATION_FACTOR,
+    STARTLE_SPEED_FACTOR,
+)
+from avrgym.people.zoo import partner_behaviour
+from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
+from avrgym.people.zoo.partners import PARTNER_PARAMETERS
+
+PARTICIPANTS_SPEED_RAD_S = np.array(
+    [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
+)
+ONSET_S = 1.0
+"""Time until chewing and tremor reach their full amplitude."""
+
+_WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
+
+
+def step_participants(
+    state: CooperationState,
+    people: People,
+    observation: PersonObservation | None,
+    offered: OfferedPart,
+    posture: Posture,
+) -> tuple[CooperationState, FloatArray]:
+    """Returns the next state of people, and the joint targets (N, 20). People without ``observation`` do not react."""
+    state = cooperation.advance_time(state)
+    targets = state.targets_rad + _tremor_direction(state.time_s) * people.tremor_rad
+    if observation is not None:
+        state, goals = cooperation.choose_goals(state, state.targets_rad, observation, offered, posture)
+        reach = constant_like(PARTICIPANTS_SPEED_RAD_S * CONTROL_STEP_S, state.targets_rad)
+        moved = state.targets_rad + namespace(goals).clip(goals - state.targets_rad, -reach, reach)
+        state = replace(state, targets_rad=moved)
+        targets = targets + _sway_rad(state)
+    return state, targets
+
+
+def step_partners(
+    state: PartnerState,
+    people: People,
+    observation: PersonObservation,
+    offered: OfferedPart,
+    posture: Posture,
+    limit: JointLimiter,
+) -> tuple[PartnerState, FloatArray]:
+    """Returns the next state of zoo partners, and the joint targets (N, 20)."""
+    state, desired = partner_behaviour.choose_goals(state, observation, offered, posture)
+    state = _track(state, limit(desired))
+    tremor = _tremor_direction(state.time_s) * _onset_share(state)[:, None] * people.tremor_rad
+    return state, state.targets_rad + _oscillation_rad(state) + tremor
+
+
+def _tremor_direction(time_s: FloatArray) -> FloatArray:
+    """The sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (2020 reference)."""
+    odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
+    return (2.0 * odd - 1.0)[:, None]
+
+
+def _sway_rad(state: CooperationState) -> FloatArray:
+    """Returns the sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
+    xp = namespace(state.targets_rad)
+    angle = 2.0 * np.pi * state.sway_hz * state.time_s
+    phase = state.phase_rad[:, :2].T
+    shift = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    wave = xp.zeros_like(state.targets_rad)
+    wave[:, _WAIST_X], wave[:, _WAIST_Y] = state.sway_rad * shift[0], state.sway_rad * shift[1]
+    return wave
+
+
+def _oscillation_rad(state: PartnerState) -> FloatArray:
+    """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
+    xp, parameters = namespace(state.targets_rad), PARTNER_PARAMETERS.of(state.partner, state.time_s)
+    wave = xp.zeros_like(state.targets_rad)
+    phase = 2.0 * np.pi * state.num_uniforms[:, :2].T
+    angle = 2.0 * np.pi * parameters.sway_hz * state.time_s
+    swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    extent = RAD_PER_DEGREE * parameters.sway_deg
+    wave[:, _WAIST_X], wave[:, _WAIST_Y] = extent * swung[0], extent * swung[1]
+    opened = 0.5 - 0.5 * elementary.cos(2.0 * np.pi * parameters.chew_hz * state.time_s)
+    wave[:, _HEAD_X] = -(RAD_PER_DEGREE * parameters.chew_deg) * opened * _onset_share(state)
+    return wave
+
+
+def _onset_share(state: PartnerState) -> FloatArray:
+    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It grows from 0 to 1."""
+    return namespace(state.time_s).minimum(state.time_s / ONSET_S, 1.0)
+
+
+def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
+    """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
+    there."""
+    xp, parameters = namespace(desired), PARTNER_PARAMETERS.of(state.partner, state.time_s)
+    startled = (state.since_startle_s <= parameters.startle_s)[:, None]
+    pace = parameters.speed_share[:, None]
+    most = constant_like(SPEED_RAD_S, desired) * xp.where(startled, STARTLE_SPEED_FACTOR, pace)
+    sudden = xp.where(startled, STARTLE_ACCELERATION_FACTOR, pace)
+    change = constant_like(ACCELERATION_RAD_S2, desired) * sudden * CONTROL_STEP_S
+    way = desired - state.targets_rad
+    braked = xp.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * xp.abs(way)) - 0.5 * change
+    speed = xp.copysign(xp.minimum(xp.minimum(most, braked), xp.abs(way) / CONTROL_STEP_S), way)
+    speed = xp.clip(speed, state.speed_rad_s - change, state.speed_rad_s + change)
+    return replace(state, targets_rad=state.targets_rad + CONTROL_STEP_S * speed, speed_rad_s=speed)

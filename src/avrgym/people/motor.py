@@ -1,0 +1,274 @@
+"""Motor model of simulated people: joint targets, 100 times a second, from the joint angles that people want.
+
+Behaviour models choose goals ten times a second, from what people perceived one reaction delay ago. The equilibrium
+point of each joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint
+target follows it as a critically damped second-order system. Its speed is bell-shaped and never overshoots. It is never
+faster than the equilibrium point, and its acceleration never exceeds its limit, even when a movement reverses.
+
+Limits of unhurried people:
+
+- head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s; the acceleration is a quarter of that of
+  running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988). In hopping and running, heads turn with up
+  to 3.2 rad/s (Pozzo et al., Exp. Brain Res. 82:97, 1990);
+- arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
+  Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with
+  minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
+- waist 0.35 rad/s and 2 rad/s²: our assumption, below 5.9 rad/s², with which seated people return from a push
+  (336 °/s²: peak of voluntary trunk flexion, Muscle contributions to joint rotational stiffness, J. Med. Eng.
+  2013:915428).
+
+Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
+(Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
+
+Added to the movements are:
+
+- signal-dependent noise: the standard deviation of the speed is proportional to the speed (Harris and Wolpert, Nature
+  394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). Its share, 10 %, is our assumption;
+- sway of the waist and motion of the head with the jaw, with the amplitudes of the behaviour model;
+- physiological tremor of 8 to 12 Hz. Accelerations of outstretched hands peak at 0.0015 to 0.035 g, most often at 0.01
+  g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g; the joint's
+  servo passes 30 % of it. The head turns by the same angle: our assumption;
+- tremor of people with this impairment, at 5 Hz as in Assistive Gym, whose targets alternate every 0.1 s.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray
+from avrgym.geometry import elementary
+from avrgym.geometry.arrays import constant_like, interpolate, namespace
+from avrgym.models.human import JOINT_INDEX, JOINTS, People
+from avrgym.models.scene import PHYSICS_STEP_S
+
+MOTION_VERSION = 2
+"""Version of the motion of simulated people. In version 1, joint targets change once in 0.1 s, see
+``people.motion_version_1``."""
+SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
+ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
+STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
+"""Factors that multiply speed and acceleration while people are startled."""
+NOISE_SHARE, NOISE_HZ = 0.1, (0.7, 1.3, 2.1)
+"""Standard deviation of the speed's noise as a share of the speed, and its frequencies."""
+USUAL_SPEED_SHARE = 1.0 / (1.0 + NOISE_SHARE * math.sqrt(2.0 * len(NOISE_HZ)))
+"""Speed without noise as a share of the speed limit. The largest noise reaches the limit."""
+ONSET_S = 1.0
+"""Time until sway, jaw motion and tremor reach their full amplitude."""
+STEEPEST_ONSET = 1.875 / ONSET_S
+PHYSIOLOGICAL_TREMOR_HZ, PHYSIOLOGICAL_TREMOR_G = (8.0, 12.0), (0.005, 0.035)
+FOREARM_M, GRAVITY_M_S2 = 0.3, 9.81
+"""Distance of the hand from the elbow; gravitational acceleration."""
+TREMOR_HZ = 5.0
+GOLDEN_RATIO_FRACTION = 0.6180339887498949
+"""The fractional parts of this number's multiples are equidistributed (Weyl)."""
+
+
+def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray:
+    """Share (20,) of the distance to the equilibrium point that each of two first-order systems covers in 10 ms.
+
+    A critically damped system with the natural frequency w, whose input reverses between the speeds −v and v, has a
+    largest acceleration of 2 w v / e.
+    """
+    frequency_rad_s = 0.5 * math.e * acceleration_factor * ACCELERATION_RAD_S2 / (speed_factor * SPEED_RAD_S)
+    return frequency_rad_s * PHYSICS_STEP_S / (1.0 + frequency_rad_s * PHYSICS_STEP_S)
+
+
+_FOLLOW = _follow_share(1.0, 1.0)
+_FOLLOW_STARTLED = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
+_WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
+_PHYSIOLOGICAL = np.array(
+    [1.0 if name in ("head_x", "right_elbow_x", "left_elbow_x") else 0.0 for name in JOINTS]
+)
+"""Joints (20,) with physiological tremor."""
+_NOISE_PHASE = (
+    2.0 * np.pi * GOLDEN_RATIO_FRACTION * np.arange(len(JOINTS) * len(NOISE_HZ)).reshape(len(JOINTS), -1)
+)
+"""Phases (20, 3) by which the noise of joints differs."""
+
+
+@dataclass(frozen=True)
+class Rhythms:
+    """Rhythmic motion of N people, (N,) each, ``sway_phase_rad`` (N, 2).
+
+    ``sway_rad`` is the amplitude of the waist's sway; ``jaw_rad`` that of the head's motion with the jaw. Physiological
+    tremor has the amplitude ``physiological_rad`` and the frequency ``physiological_hz``.
+    """
+
+    sway_rad: FloatArray
+    sway_hz: FloatArray
+    sway_phase_rad: FloatArray
+    jaw_rad: FloatArray
+    jaw_hz: FloatArray
+    physiological_rad: FloatArray
+    physiological_hz: FloatArray
+
+
+@dataclass(frozen=True)
+class MotorState:
+    """State of the motor model for N people.
+
+    Attributes:
+        goal_rad: joint angles that people want (N, 20).
+        equilibrium_rad: equilibrium points (N, 20).
+        lagged_rad, angles_rad: outputs (N, 20) of the first and the second system that follow them.
+        reach_rad: largest motion of the equilibrium points in 10 ms (N, 20).
+        follow: share of the distance that a system covers in 10 ms (N, 20).
+        pace: speed and acceleration relative to the limits (N,).
+        noise_phase_rad: phases of the noise (N, 3).
+        wave_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of waves.
+        time_s: time since the start of the episode (N,).
+    """
+
+    goal_rad: FloatArray
+    equilibrium_rad: FloatArray
+    lagged_rad: FloatArray
+    angles_rad: FloatArray
+    reach_rad: FloatArray
+    follow: FloatArray
+    pace: FloatArray
+    noise_phase_rad: FloatArray
+    wave_rad: FloatArray
+    wave_hz: FloatArray
+    wave_phase_rad: FloatArray
+    time_s: FloatArray
+
+
+def low_digits(uniforms: FloatArray) -> FloatArray:
+    """Returns further uniform numbers, 0 to 1, of the same shape: the digits of uniform numbers after the first 13
+    bits."""
+    scaled = 8192.0 * uniforms
+    return scaled - namespace(scaled).floor(scaled)
+
+
+def rhythms_of(
+    sway_rad: FloatArray,
+    sway_hz: FloatArray,
+    sway_phase_rad: FloatArray,
+    jaw_rad: FloatArray,
+    jaw_hz: FloatArray,
+    uniforms: FloatArray,
+) -> Rhythms:
+    """Returns rhythms with physiological tremor, which is sampled from uniform numbers (N, 2)."""
+    low, high = PHYSIOLOGICAL_TREMOR_G
+    acceleration_m_s2 = (
+        GRAVITY_M_S2 * low * elementary.power(high / low + 0.0 * uniforms[:, 0], uniforms[:, 0])
+    )
+    tremor_hz = interpolate(PHYSIOLOGICAL_TREMOR_HZ, uniforms[:, 1])
+    angular = 2.0 * np.pi * tremor_hz
+    tremor_rad = acceleration_m_s2 / (FOREARM_M * angular * angular)
+    return Rhythms(sway_rad, sway_hz, sway_phase_rad, jaw_rad, jaw_hz, tremor_rad, tremor_hz)
+
+
+def initial_state(
+    people: People, rhythms: Rhythms | None, pace: FloatArray, noise_uniforms: FloatArray
+) -> MotorState:
+    """Returns the initial state of people at rest in their pose.
+
+    Args:
+        people: N people.
+        rhythms: their rhythms; ``None``: people without rhythmic motion except for the tremor of ``people``.
+        pace: speed and acceleration relative to the limits (N,).
+        noise_uniforms: uniform numbers (N, 3) that choose the noise.
+    """
+    angles = people.joint_angles_rad
+    xp, none, nothing = namespace(angles), 0.0 * pace, 0.0 * angles
+    waves = [(people.tremor_rad + nothing, none + TREMOR_HZ, none)]
+    if rhythms is not None:
+        forwards, sideways, nodding = nothing + 0.0, nothing + 0.0, nothing + 0.0
+        forwards[:, _WAIST_X] = sideways[:, _WAIST_Y] = rhythms.sway_rad
+        nodding[:, _HEAD_X] = 0.5 * rhythms.jaw_rad
+        trembling = rhythms.physiological_rad[:, None] * constant_like(_PHYSIOLOGICAL, angles)
+        phase = rhythms.sway_phase_rad
+        waves += [
+            (forwards, rhythms.sway_hz, phase[:, 0]),
+            (sideways, 0.7 * rhythms.sway_hz, phase[:, 1]),
+            (nodding, rhythms.jaw_hz, none),
+            (trembling, rhythms.physiological_hz, none),
+        ]
+    amplitudes, frequencies, phases = (xp.stack(list(each), axis=1) for each in zip(*waves, strict=True))
+    return MotorState(
+        goal_rad=angles,
+        equilibrium_rad=angles,
+        lagged_rad=angles,
+        angles_rad=angles,
+        reach_rad=nothing,
+        follow=nothing + constant_like(_FOLLOW, angles),
+        pace=pace,
+        noise_phase_rad=2.0 * np.pi * noise_uniforms,
+        wave_rad=amplitudes,
+        wave_hz=frequencies,
+        wave_phase_rad=phases,
+        time_s=none,
+    )
+
+
+def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
+    """Returns the state with new goals (N, 20). ``startled`` is a mask (N,) of people who move at once and fast."""
+    xp, speed = namespace(goal_rad), constant_like(SPEED_RAD_S, goal_rad)
+    factor, follow = state.pace, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
+    if startled is not None:
+        factor = xp.where(startled, STARTLE_SPEED_FACTOR, factor)
+        follow = xp.where(startled[:, None], constant_like(_FOLLOW_STARTLED, goal_rad), follow)
+    varying = USUAL_SPEED_SHARE * (1.0 + NOISE_SHARE * _noise(state))
+    return replace(
+        state, goal_rad=goal_rad, reach_rad=PHYSICS_STEP_S * factor[:, None] * speed * varying, follow=follow
+    )
+
+
+def _noise(state: MotorState) -> FloatArray:
+    """Returns noise (N, 20) with variance 1 and frequencies below 3 Hz: a sum of sines with random phases (Shinozuka
+    and Deodatis, Appl. Mech. Rev. 44:191, 1991)."""
+    total = 0.0 * state.goal_rad
+    for number, frequency_hz in enumerate(NOISE_HZ):
+        angle = 2.0 * np.pi * frequency_hz * state.time_s + state.noise_phase_rad[:, number]
+        shift = constant_like(np.ascontiguousarray(_NOISE_PHASE[:, number]), total)
+        total = total + elementary.sin(angle[:, None] + shift)
+    return total * math.sqrt(2.0 / len(NOISE_HZ))
+
+
+def advance(state: MotorState) -> MotorState:
+    """Returns the state 10 ms later."""
+    xp = namespace(state.goal_rad)
+    way = state.goal_rad - state.equilibrium_rad
+    equilibrium = state.equilibrium_rad + xp.clip(way, -state.reach_rad, state.reach_rad)
+    lagged = state.lagged_rad + state.follow * (equilibrium - state.lagged_rad)
+    angles = state.angles_rad + state.follow * (lagged - state.angles_rad)
+    return replace(
+        state,
+        equilibrium_rad=equilibrium,
+        lagged_rad=lagged,
+        angles_rad=angles,
+        time_s=state.time_s + PHYSICS_STEP_S,
+    )
+
+
+def next_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatArray]:
+    """Returns the state after ``count`` times 10 ms, and the joint targets (``count``, N, 20) at their ends: movements,
+    sway, motion with the jaw, and tremor."""
+    states: list[MotorState] = []
+    for _ in range(count):
+        state = advance(state)
+        states.append(state)
+    xp = namespace(state.goal_rad)
+    targets, time_s = (
+        xp.stack([getattr(each, name) for each in states]) for name in ("angles_rad", "time_s")
+    )
+    angle = 2.0 * np.pi * state.wave_hz * time_s[..., None] + state.wave_phase_rad
+    swung = elementary.sin(angle) * _onset(time_s)[..., None]
+    for number in range(state.wave_hz.shape[1]):
+        targets = targets + swung[..., number, None] * state.wave_rad[:, number]
+    return state, targets
+
+
+def _onset(time_s: FloatArray) -> FloatArray:
+    """Returns the amplitude of rhythms as a share of the full one. It grows with minimum jerk."""
+    share = namespace(time_s).minimum(time_s / ONSET_S, 1.0)
+    return share * share * share * (10.0 + share * (6.0 * share - 15.0))
+
+
+def speed_limit_rad_s(state: MotorState, startled: BoolArray | None = None) -> FloatArray:
+    """Returns the largest speed (N, 20) of the joint targets: that of movements plus those of all rhythms."""
+    factor = state.pace if startled is None else np.where(startled, STARTLE_SPEED_FACTOR, state.pace)
+    waves = state.wave_rad * (2.0 * np.pi * state.wave_hz + STEEPEST_ONSET)[..., None]
+    return factor[:, None] * SPEED_RAD_S + waves.sum(axis=1)
