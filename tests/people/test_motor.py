@@ -11,6 +11,7 @@ from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people import cooperation, distributions, impairments, motor, shoulder_limits
 from avrgym.people.distributions import DISTRIBUTIONS, NAMED_DISTRIBUTIONS
 from avrgym.people.zoo import partners
+from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.simulation.worlds import State
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.episodes import Episodes
@@ -73,8 +74,9 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
         way = np.clip(way + rng.uniform(-0.15, 0.15, way.shape), -0.5, 0.5)
         model.choose_goals(observe, possible)
         shown.append(model.next_targets(possible, SUBSTEPS))
-        if drawn is not None:
-            startled |= model.saved()[0].startle_count > 0.0
+        state = model.saved()[0]
+        if isinstance(state, PartnerState):
+            startled |= state.startle_count > 0.0
     speed = np.abs(np.diff(np.concatenate(shown), axis=0)).max(axis=0) / PHYSICS_STEP_S
     limit = motor.speed_limit_rad_s(model.saved()[1], startled)
     assert (speed <= limit + 1e-9).all()

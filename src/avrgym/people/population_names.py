@@ -9,7 +9,8 @@ TRAIN_ZOO, UNSEEN_ZOO = "zoo/train", "zoo/unseen"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join(STYLES)}), a file of people, a trained human, or a folder of those"
+    f"({', '.join(STYLES)}), one of these with @1 for the motion of version 1, a file of people, a trained human, or a "
+    "folder of those"
 )
 """The allowed values of ``people``, for help and error messages."""
 
