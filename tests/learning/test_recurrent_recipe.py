@@ -30,6 +30,9 @@ from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
+JUMPING = "participants@1"
+"""People who press hard, because their joint targets jump."""
+
 TINY = RecurrentConfiguration(
     environment="avrgym/ScratchItchJaco-v1",
     steps=1000,
@@ -244,7 +247,7 @@ def test_the_overload_penalty_follows_the_most_loaded_region():
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     policy = packaged(environment, "revised")
     place = WorldSettings(
-        environment, TransferredFile.read("participants"), "none", 1, "threads", episode_steps=steps
+        environment, TransferredFile.read(JUMPING), "none", 1, "threads", episode_steps=steps
     )
     requests = [
         RolloutRequest(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
@@ -254,7 +257,7 @@ def test_the_overload_penalty_follows_the_most_loaded_region():
     cost = free.rewards - once.rewards
     assert_allclose(free.rewards - thrice.rewards, 3.0 * cost, atol=1e-4)
 
-    worlds = Episodes(environment, len(seeds), people="participants", by_region=True, num_threads=1)
+    worlds = Episodes(environment, len(seeds), people=JUMPING, by_region=True, num_threads=1)
     watch, actor = RegionLoadRecorder(len(seeds)), Actor(policy, len(seeds))
     seen = worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
     for _ in range(steps):
