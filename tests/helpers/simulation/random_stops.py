@@ -121,7 +121,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], F
 
 
 def _towards_person(episodes: Episodes, world: int) -> FloatArray:
-    """Return the action (J,) that moves the end effector fastest towards a person's torso or head."""
+    """Return the action (A,) that moves the end effector fastest towards a person's torso or head. A drive stands."""
     simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
     effector = model.body(robot.PREFIX + arm.end_effector).id
@@ -130,4 +130,4 @@ def _towards_person(episodes: Episodes, world: int) -> FloatArray:
     mujoco.mj_jacBody(model, data, jacobian, None, effector)
     dofs = [model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
     gradient = jacobian[:, dofs].T @ (goal_w - data.xpos[effector])
-    return gradient / np.abs(gradient).max()
+    return np.append(gradient / np.abs(gradient).max(), np.zeros(episodes.action_size - len(dofs)))
