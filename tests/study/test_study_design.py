@@ -29,7 +29,7 @@ def test_new_study_has_the_protocol_of_the_paper(tmp_path: Path) -> None:
     design = read_design(create_study(tmp_path / "a" / "study"))
     assert (design.participants, design.trial_steps, design.blind_experimenter) == (8, 200, False)
     assert design.tasks == ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-    assert design.conditions == (
+    assert design.robot_policy_pairs == (
         ("PR2", "original"), ("PR2", "revised"), ("Jaco", "original"), ("Jaco", "revised"),
     )  # fmt: skip
     assert design.items_at("after_trial") == LIKERT_ITEMS

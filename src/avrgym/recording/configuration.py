@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from avrgym.commands.preferences import AppliedRules
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person, Sex
 from avrgym.questionnaires.questionnaire import Item
@@ -127,6 +128,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     settings: Annotated[
         Settings, Meta(description="Settings of the environment that differ from the defaults.")
     ] = DEFAULTS
+    rules: Annotated[
+        AppliedRules | None, Meta(description="Commands, sources and preferences of the trial.")
+    ] = None
     furniture: RealFurniture
     reward_weights: dict[str, float]
     items: Annotated[tuple[Item, ...], Meta(description="The questions after the trial, in order.")]

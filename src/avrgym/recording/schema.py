@@ -119,6 +119,37 @@ class Event(Record, frozen=True):
     detail: str
 
 
+class RobotCommand(Record, frozen=True):
+    """A command of the participant to the robot, see ``avrgym.commands.vocabulary``.
+
+    ``source``: where it came from. ``step``: number of finished control steps. ``effective``: the robot's pacing layer
+    reacted. ``refusal``: the reason why the command was ignored; empty if it was allowed.
+    """
+
+    name: str
+    source: str
+    step: int
+    effective: bool = False
+    refusal: str = ""
+
+
+class Pacing(Record, frozen=True):
+    """The pacing layer at the end of a control step, see ``avrgym.safety.pacing``.
+
+    ``mode``: what it did. ``speed_factor``: factor of the policy's speed. ``distance_m``: preferred distance. ``side``:
+    preferred side (1 left, -1 right, 0 any). ``gap_m``: distance between tool and mouth or arm. ``tool_speed_m_s``:
+    speed of the tool.
+    """
+
+    step: int
+    mode: str
+    speed_factor: float
+    distance_m: float
+    side: float
+    gap_m: float
+    tool_speed_m_s: float
+
+
 class Answer(Record, frozen=True):
     """The answer to one item. ``response_time_s``: time from the item's appearance to the answer."""
 
@@ -192,6 +223,8 @@ TOPICS: dict[str, type[Record]] = {
     "/streams": Stream,
     "/samples": StreamSamples,
     "/placement": Placement,
+    "/robot_commands": RobotCommand,
+    "/pacing": Pacing,
 }
 
 AttemptEnd = Literal[

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.commands.preferences import STANDARD_FORCE_SHARE
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.safety.approach_speed import ApproachSpeedMonitor
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
-GUARD_SHARE = 0.5
+GUARD_SHARE = STANDARD_FORCE_SHARE
 """The arm retracts if a force exceeds this share of a region's quasi-static limit. Impacts may cause forces up to this
 share."""
 RELEASE_SHARE = 0.25
@@ -43,10 +44,13 @@ class ForceGuard(PerWorldState):
         "_path", "_path_end", "_path_start",
     )  # fmt: skip
 
-    def __init__(self, simulation: Simulation) -> None:
-        """Guard the arms of a simulation that measures forces by region (``by_region``)."""
-        self._simulation = simulation
-        self._approach = ApproachSpeedMonitor(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
+    def __init__(self, simulation: Simulation, share: float = GUARD_SHARE) -> None:
+        """Guard the arms of a simulation that measures forces by region (``by_region``).
+
+        ``share``: share of the quasi-static limits at which the arm retracts, at most ``GUARD_SHARE``.
+        """
+        self._simulation, self._share = simulation, min(share, GUARD_SHARE)
+        self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)
         configuration = simulation.configuration()
         worlds = len(configuration)
         self.output = np.zeros((worlds, len(simulation.scene.action_names)))
@@ -111,7 +115,8 @@ class ForceGuard(PerWorldState):
         was_retracting, was_overriding = self.retracting, self.overriding
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
-        self._pressed = (most > GUARD_SHARE) | (self._pressed & (most >= RELEASE_SHARE))
+        released = RELEASE_SHARE * self._share / GUARD_SHARE
+        self._pressed = (most > self._share) | (self._pressed & (most >= released))
         self.retracting = self._pressed | self._approach.person_too_fast
         self.holding = self._approach.closing_too_fast & ~self.retracting
         begins = (self.retracting & ~was_retracting) | (self.overriding & ~was_overriding)

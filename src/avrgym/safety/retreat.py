@@ -97,17 +97,30 @@ class Retreat:
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
         self._steps, self._step_s = steps, step_s
 
+    def restart(self) -> None:
+        """Start another retreat, from the present state."""
+        self._steps = 0
+
     def action(self) -> FloatArray | None:
         """Returns the action (A,) for the next step; ``None`` if the retreat is complete, or after
         ``MAX_DURATION_S``."""
-        self._data.qpos[:] = self._simulation.qpos(self._world)
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        near = self._near()
+        near = self._measure()
         if self._steps * self._step_s >= MAX_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
         return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
+
+    def steer(self, velocity_w: FloatArray) -> FloatArray:
+        """Returns the action (A,) that moves the tool with a velocity (3,), without rotation, and keeps every link away
+        from the person."""
+        return self._speeds(velocity_w, self._measure()) / self._speed_limit
+
+    def _measure(self) -> NearGaps:
+        """Copy the world's present state, and measure its gaps."""
+        self._data.qpos[:] = self._simulation.qpos(self._world)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        return self._near()
 
     def _is_clear(self, near: NearGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]

@@ -25,7 +25,7 @@ WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 class Withdrawal(PerWorldState):
     """Drives the arms in worlds in which the task is complete. The mask ``driving`` (N,) marks these worlds."""
 
-    STATE = ("driving", "_settled_steps", "_moved_steps", "_away")
+    STATE = ("driving", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -33,7 +33,9 @@ class Withdrawal(PerWorldState):
         count = simulation.num_worlds
         self._retreats: dict[int, Retreat] = {}
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-        self.driving, self._away = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        self.driving: BoolArray = np.zeros(count, dtype=bool)
+        self._away: BoolArray = np.zeros(count, dtype=bool)
+        self._awaits_event: BoolArray = np.zeros(count, dtype=bool)
         self._actions: FloatArray | None = None
         """The withdrawal's actions (N, J) for the coming control step; ``None`` until they are computed."""
 
@@ -46,10 +48,24 @@ class Withdrawal(PerWorldState):
 
     def update(self, success: BoolArray, events: IntArray) -> None:
         """Update with success and number of events (N,) of a control step."""
-        settled = success & (events == 0)
+        self._awaits_event = self._awaits_event & (events == 0)
+        settled = success & (events == 0) & ~self._awaits_event
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
         self.driving = self.driving | (self._settled_steps >= self._settling_steps)
         self._actions = None
+
+    def interrupt(self, worlds: BoolArray) -> None:
+        """Return to the policy in the worlds of a mask (N,). The next event (such as a bite) precedes another
+        withdrawal."""
+        ended = worlds & self.driving
+        self.driving, self._away = self.driving & ~ended, self._away & ~ended
+        self._awaits_event = self._awaits_event | ended
+        self._settled_steps, self._moved_steps = (
+            np.where(ended, 0, steps) for steps in (self._settled_steps, self._moved_steps)
+        )
+        self._actions = None
+        for world in np.flatnonzero(ended).tolist():
+            self._retreats.pop(world, None)
 
     def override(self, commanded: FloatArray) -> FloatArray:
         """Returns the actions (N, J) for the next control step: the withdrawal's actions in the worlds that it drives,

@@ -177,6 +177,11 @@ def participant_behaviour(seed: int) -> Generator:
     return default_rng([seed, 2])
 
 
+def participant_commands(seed: int, part: int) -> Generator:
+    """Commands of a simulated participant to the robot. ``part``: 0 traits, 1 commands of a trial."""
+    return default_rng([seed, 4, part])
+
+
 def participant_noise(seed: int) -> Generator:
     """Exploration noise of a simulated participant that is a trained human."""
     return default_rng([seed, 3])

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.vocabulary import CommandName
 from avrgym.models.scene import SUBSTEPS
-from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.force_guard import GUARD_SHARE, ForceGuard
+from avrgym.safety.pacing import Pacing
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.safety.withdrawal import Withdrawal
 
@@ -24,8 +27,8 @@ class Step:
     Arrays are NumPy arrays in double precision, or on a device tensors in single precision.
 
     ``executed_action`` (N, J) is the action at the end of the step. ``overridden`` (N,) marks worlds in which the force
-    guard or the withdrawal replaced the commanded action; ``guard_interventions`` (N,) counts the guard's interventions
-    in the episode. Both are ``None`` without such a layer.
+    guard, the withdrawal or the pacing layer replaced the commanded action; ``guard_interventions`` (N,) counts the
+    guard's interventions in the episode. Both are ``None`` without such a layer.
     """
 
     observation: FloatArray
@@ -71,8 +74,8 @@ class ActionSource(Protocol):
 class ControlLoop:
     """Steps N worlds: a whole control step with ``step``, or one tick of 10 ms with ``tick``.
 
-    Two layers may replace commanded actions, in this order: ``withdrawal`` after success, then ``guard``. Without guard
-    and recorder, ``step`` runs all physics steps between two commands in one call.
+    Three layers may replace commanded actions, in this order: ``pacing``, ``withdrawal`` after success, then ``guard``.
+    Without guard and recorder, ``step`` runs all physics steps between two commands in one call.
     """
 
     def __init__(
@@ -82,6 +85,7 @@ class ControlLoop:
         force_guard: bool = False,
         withdraw_after_success: bool = False,
         reward_withdrawal: bool = False,
+        rules: AppliedRules | None = None,
     ) -> None:
         """Create the loop with the chosen layers.
 
@@ -90,11 +94,14 @@ class ControlLoop:
             force_guard: whether a force guard overrides actions; needs forces by region.
             withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
             reward_withdrawal: whether steps that the withdrawal drives are rewarded.
+            rules: the participants' commands and preferences; ``None``: no pacing layer.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
         withdraws = withdraw_after_success and episodes.task.withdraws_after_success
         self.withdrawal = Withdrawal(self._simulation) if withdraws else None
-        self.guard = ForceGuard(self._simulation) if force_guard else None
+        share = GUARD_SHARE if rules is None else rules.preferences.force_share
+        self.guard = ForceGuard(self._simulation, share) if force_guard else None
+        self.pacing = None if rules is None else Pacing(self._simulation, episodes.task.offered, rules)
         self._reward_withdrawal = reward_withdrawal
         self._zeros = np.zeros((self._simulation.num_worlds, episodes.action_size))
         self._commanded: Any = self._zeros
@@ -111,18 +118,20 @@ class ControlLoop:
 
     def reset(self, ids: IntArray) -> None:
         """Reset the layers of worlds ``ids`` (n,), whose episodes start."""
-        for layer in (self.withdrawal, self.guard):
+        for layer in (self.pacing, self.withdrawal, self.guard):
             if layer is not None:
                 layer.reset(ids)
         self.abort_step()
 
     def saved(self) -> dict[str, Any]:
         """Returns the state of the layers on which the next control step depends."""
-        layers = {"withdrawal": self.withdrawal, "guard": self.guard}
+        layers = {"pacing": self.pacing, "withdrawal": self.withdrawal, "guard": self.guard}
         return {name: layer.saved() for name, layer in layers.items() if layer is not None}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Restores a state from ``saved``."""
+        if self.pacing is not None:
+            self.pacing.restore(saved["pacing"])
         if self.withdrawal is not None:
             self.withdrawal.restore(saved["withdrawal"])
         if self.guard is not None:
@@ -135,13 +144,32 @@ class ControlLoop:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
         return self.withdrawal.driving
 
+    def take_command(self, command: CommandName, worlds: BoolArray | None = None) -> BoolArray:
+        """Take a command of the participants in the worlds of a mask (N,), by default in all worlds.
+
+        Returns the mask of the worlds in which it has an effect. Without a pacing layer it has none.
+        """
+        everywhere = np.ones(self._simulation.num_worlds, dtype=bool)
+        if self.pacing is None:
+            return ~everywhere
+        worlds = everywhere if worlds is None else worlds
+        effective = self.pacing.take(command, worlds)
+        if command == "again" and self.withdrawal is not None and self.pacing.rules.pacing:
+            effective = effective | (worlds & self.withdrawal.driving)
+            self.withdrawal.interrupt(worlds)
+        return effective
+
+    def _paced(self, actions: FloatArray) -> FloatArray:
+        """Returns actions (N, J), changed by the pacing layer. Call it once per control step."""
+        return actions if self.pacing is None else self.pacing.override(actions)
+
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
         """Returns actions (N, J). In worlds that the withdrawal drives, they are the withdrawal's actions."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
         """Returns the step with the layers' reports, given the commanded actions (N, J)."""
-        if self.withdrawal is None and self.guard is None:
+        if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
             outcome,
@@ -156,7 +184,7 @@ class ControlLoop:
             ValueError: for actions that ``Episodes.checked`` rejects. The worlds do not change then.
         """
         self._commanded = self._episodes.checked(actions)
-        self._execute(self.apply_withdrawal(self._commanded))
+        self._execute(self.apply_withdrawal(self._paced(self._commanded)))
         if self.guard is None and recorder is None:
             together = gcd(SUBSTEPS, self._substeps)
             for substep in range(0, self._substeps, together):
@@ -245,14 +273,16 @@ class ControlLoop:
             requested = self._zeros
         else:
             requested = self._episodes.checked(source.act(self._first_observation))
-        self._commanded = self.apply_withdrawal(requested)
+        self._commanded = self.apply_withdrawal(self._paced(requested))
         self._execute(self._zeros if hold else self._commanded)
         self._note(hold)
 
     def _amend_ticks(self, source: ActionSource, hold: bool) -> None:
         requested = None if self.withdrawing.all() else source.update_action()
         if requested is not None:
-            self._commanded = self.apply_withdrawal(self._episodes.checked(requested))
+            checked = self._episodes.checked(requested)
+            paced = checked if self.pacing is None else self.pacing.apply(checked)
+            self._commanded = self.apply_withdrawal(paced)
         if hold == self._was_held:
             actions = None if hold or requested is None else self._commanded
         else:

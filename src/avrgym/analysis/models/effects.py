@@ -76,7 +76,7 @@ def effects(design: Design) -> tuple[Effect, ...]:
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
         found.append(Effect(LEARNING, LAST_TASK, FIRST_TASK))
-    if len(design.conditions) > 1:
+    if len(design.robot_policy_pairs) > 1:
         found.append(Effect(ORDER, LAST_TRIAL, FIRST_TRIAL))
         found += [
             Effect(CARRY_OVER, after_policy(b), after_policy(a)) for a, b in combinations(design.policies, 2)

@@ -201,7 +201,7 @@ def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
     """Returns the condition and the position of each completed trial without practice; ``value`` is zero in all."""
     found: dict[TrialKey, TrialValue] = {}
-    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
+    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.robot_policy_pairs) - 1, 1)
     block, place = 0, 0
     last: AttemptRow | None = None
     for row in (each for each in attempts if each.state == "completed"):

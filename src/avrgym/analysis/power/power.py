@@ -267,11 +267,11 @@ def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order])
 
 
 def _course(design: Design, order: Order, who: str, own: FloatArray) -> Iterator[TrialValue]:
-    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
+    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.robot_policy_pairs) - 1, 1)
     for block, part in enumerate(order):
         before = design.practice_policy or None
         for place, index in enumerate(part.conditions):
-            robot, policy = design.conditions[index]
+            robot, policy = design.robot_policy_pairs[index]
             value = own[part.task].reshape(-1)[index]
             task = design.tasks[part.task]
             yield TrialValue(who, task, robot, policy, block / blocks, place / places, before, float(value))

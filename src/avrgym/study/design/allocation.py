@@ -26,7 +26,7 @@ class PlannedTrial:
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
     """The order of trials in each cell of the design."""
-    return _cell_orders(len(design.tasks), len(design.conditions), design.seed)
+    return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
 @cache
@@ -92,4 +92,4 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
 
 def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:
     practice = [(practice_robot, design.practice_policy, True)] if design.practice_policy else []
-    return practice + [(*design.conditions[index], False) for index in block.conditions]
+    return practice + [(*design.robot_policy_pairs[index], False) for index in block.conditions]

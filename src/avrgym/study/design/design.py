@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import msgspec
 
+from avrgym.commands.preferences import CommandRules, Preferences, Thresholds, apply_preferences
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_moment
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
@@ -36,7 +37,9 @@ from avrgym.tasks.settings import DEFAULTS, DRAWN_SETTINGS, Settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
-PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings")
+PROTOCOL = (
+    "seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings", "conditions"
+)  # fmt: skip
 """Fields that must not change after the first participant was allocated to an order."""
 SITE_FIELDS = ("site", "database", "retention")
 """Fields that may differ between the sites of a study."""
@@ -95,6 +98,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``streams``: data streams to and from other devices. ``headset_check``: sessions of people begin with such a check.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
+    ``conditions``: a name in ``policies`` may be a condition of this table: a policy with commands of the participant.
     ``settings``: settings of all environments. ``allow_other_settings``: also use policies trained with others.
     """
 
@@ -125,15 +129,20 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     goals: Mapping[str, Sentence] = {}
     furniture: RealFurniture = RealFurniture()
     settings: Settings = DEFAULTS
+    conditions: Mapping[str, CommandRules] = {}
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
     database: DatabaseConfig = DatabaseConfig()
 
     @property
-    def conditions(self) -> tuple[tuple[str, str], ...]:
+    def robot_policy_pairs(self) -> tuple[tuple[str, str], ...]:
         """All pairs of robot and policy."""
         return tuple(product(self.robots, self.policies))
+
+    def policy_of(self, name: str) -> str:
+        """The policy of a condition; for another name, the name itself."""
+        return self.conditions[name].policy if name in self.conditions else name
 
     @property
     def items(self) -> dict[str, Item]:
@@ -239,6 +248,7 @@ def _check(design: Design, folder: Path) -> None:
         check_pattern(
             ("practice_policy",), design.practice_policy, _POLICY, "the name of a policy, or an empty text"
         )
+    _check_conditions(design)
     check_questionnaires(design.questionnaires)
     check_stop_rules(design.rules)
     _check_streams(design.streams)
@@ -246,6 +256,21 @@ def _check(design: Design, folder: Path) -> None:
     _check_database(design.database.url)
     check_retention(design.retention)
     check_languages(design, folder)
+
+
+def _check_conditions(design: Design) -> None:
+    for name, rules in design.conditions.items():
+        place = ("conditions", name)
+        check_known(place, name, (*design.policies, design.practice_policy))
+        check_pattern((*place, "policy"), rules.policy, _POLICY, "the name of a policy")
+        if rules.policy in design.conditions:
+            raise ValidationError((*place, "policy"), f"{rules.policy!r} is a condition; allowed: a policy")
+        for field in ("commands", "sources"):
+            check_unique((*place, field), getattr(rules, field))
+        try:
+            apply_preferences(rules, None)
+        except ValueError as error:
+            raise ValidationError(place, str(error)) from error
 
 
 def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:
@@ -284,6 +309,9 @@ _TABLES: Tables = {
     ("database",): DatabaseConfig,
     ("furniture",): RealFurniture,
     ("settings",): Settings,
+    ("conditions",): CommandRules,
+    ("conditions", "defaults"): Preferences,
+    ("conditions", "thresholds"): Thresholds,
     ("streams",): StreamChoice,
     ("reporting",): Reporting,
     ("retention",): Retention,

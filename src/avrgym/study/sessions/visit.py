@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Self
 
 import msgspec
@@ -19,6 +19,7 @@ from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.participants import participant_texts, withdraw
+from avrgym.study.people.preferences import preferences_of, trial_rules
 from avrgym.study.sessions.links import language_message
 from avrgym.study.sessions.threads import SessionWatch, StorageQueue
 from avrgym.study.storage.answers import (
@@ -248,8 +249,15 @@ def plan_session(
     checked = headset_check or design.headset_check
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
+    own = preferences_of(store, pseudonym) if design.conditions else None
     return SessionPlan(
-        [_trial_plan(store, trial, made.count(trial.id), texts) for trial in trials],
+        [
+            replace(
+                _trial_plan(store, trial, made.count(trial.id), texts),
+                rules=trial_rules(store, trial.policy, own),
+            )
+            for trial in trials
+        ],
         participant.sex,
         design.free_movement_s,
         simulated=participant.simulated,

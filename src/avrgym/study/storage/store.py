@@ -153,9 +153,12 @@ class Store:
     def policy_source(self, environment: str, policy: str) -> str:
         """Source of a policy of the design: a file in the study's folder, or else the policy's name.
 
+        For a condition, it is the source of the condition's policy.
+
         Raises:
             PolicyError: if neither exists.
         """
+        policy = self.design.policy_of(policy)
         task, robot = find_environment(environment)
         own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, FILE_SUFFIX)]
         for file in own:

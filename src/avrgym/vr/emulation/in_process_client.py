@@ -31,6 +31,8 @@ class InProcessClient:
     def receive(self, message: Message) -> None:
         """Handle a message of the session."""
         self._participant.watch(message)
+        if isinstance(message, messages.RobotCommands):
+            self._participant.commands.watch(message, self._now_s)
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
             if message.trial != self._trial:
@@ -80,8 +82,27 @@ class InProcessClient:
             value = self._participant.answer(question.item, question.points, session.attempt_results)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
             session.receive(answer, self._now_s)
+        if session.phase == "trial":
+            self._command_robot(session)
         if session.phase == "confirm":
             session.receive(messages.Ready(), self._now_s)
+
+    def _command_robot(self, session: Session) -> None:
+        given = self._participant.commands.due(self._now_s)
+        if given is None:
+            return
+        command, source = given
+        match source:
+            case "nod" | "shake" | "gaze":
+                self._participant.begin_gesture(source, self._now_s)
+            case "caregiver" | "experimenter":
+                session.receive(messages.WatcherRobotCommand(command, source, self._time_ms), self._now_s)
+            case _:
+                session.receive(messages.RobotCommand(command, source, self._time_ms), self._now_s)
+
+    @property
+    def _time_ms(self) -> float:
+        return 1000.0 * self._now_s
 
     def _press_trigger(self, session: Session) -> None:
         self._tries += 1

@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.commands.vocabulary import Source
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, RealFurniture
-from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
+from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.networks.policy import Policy
 from avrgym.people import cooperation, distributions, impaired_motion, impairments
@@ -26,6 +27,12 @@ from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
 from avrgym.tasks.human_view import HumanView, PersonInputs
 from avrgym.tasks.registry import task_and_scene
+from avrgym.vr.emulation.simulated_commands import (
+    CommandTraits,
+    SimulatedCommands,
+    draw_command_traits,
+    gesture_rad,
+)
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
@@ -59,10 +66,10 @@ class Traits:
 
     ``sway_deg`` and ``sway_hz``: slow movement of the head. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
     the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
-    ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``partner``: the index of a partner of
-    the zoo, which replaces the behaviour. ``trained``: a policy, which replaces the behaviour. The other fields are
-    impairments, see ``People``; ``strength_share`` scales the movement. ``signs``: those of a clinical impairment, for
-    one person.
+    ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``commands``: how they give commands.
+    ``partner``: the index of a partner of the zoo, which replaces the behaviour. ``trained``: a policy, which
+    replaces the behaviour. The other fields are impairments, see ``People``; ``strength_share`` scales the movement.
+    ``signs``: those of a clinical impairment, for one person.
     """
 
     sex: Sex
@@ -74,6 +81,7 @@ class Traits:
     cooperation: float
     reaction_s: float
     leniency: float
+    commands: CommandTraits = CommandTraits()  # noqa: RUF009
     partner: int | None = None
     trained: Policy | None = None
     range_share: float = 1.0
@@ -105,6 +113,7 @@ def draw_traits(
         cooperation=float(random.uniform(0.0, 1.0)),
         reaction_s=float(random.uniform(0.2, 0.4)),
         leniency=float(random.normal(0.0, LENIENCY)),
+        commands=draw_command_traits(seed),
     )
     if not distribution.moving:
         traits = replace(traits, sway_deg=0.0, cooperation=0.0)
@@ -160,6 +169,8 @@ class SimulatedParticipant:
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._chance = random_streams.participant_behaviour(seed).random((1, 4))
         self._action_generator = random_streams.participant_noise(seed)
+        self.commands = SimulatedCommands(traits.commands, seed)
+        self._gesture: tuple[Source, float] = "nod", -np.inf
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
         self._turned = self._turned_s = 0.0
@@ -289,7 +300,16 @@ class SimulatedParticipant:
         self._turned_s = time_s
         if self._turned:
             angles = self._clip_to_ranges((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
+        pitch, yaw = gesture_rad(self._gesture[0], time_s - self._gesture[1])
+        if pitch or yaw:
+            angles = angles.copy()
+            angles[[JOINT_INDEX["head_x"], JOINT_INDEX["head_z"]]] += pitch, yaw
+            angles = self._clip_to_ranges(angles[None])[0]
         return self.frame_from_angles(angles, time_s)
+
+    def begin_gesture(self, gesture: Source, time_s: float) -> None:
+        """Begin a nod or a shake of the head at this time."""
+        self._gesture = gesture, time_s
 
     def frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
         """Returns the tracking frame of a pose: joint angles (20,)."""

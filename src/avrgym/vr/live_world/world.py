@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.vocabulary import CommandName
 from avrgym.models.human import Person
 from avrgym.models.scene import SUBSTEPS, SceneConfig
 from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.pacing import Pacing
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
@@ -102,12 +105,12 @@ class LiveWorld:
         Raises:
             NoClearanceError: a ``ValueError``, if the person obstructs every initial state.
         """
+        self._loop = self._episodes.loop = ControlLoop(self._episodes)
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode(seed)]
         self._episodes.reset(np.array([0]), self._generators)
         self.start = self._episodes.episode_start(0)
         self._retreat = Retreat(self._episodes.simulation)
-        self._loop = self._episodes.loop
         self.hold()
 
     def follow(self, pose: BodyPose) -> None:
@@ -132,16 +135,33 @@ class LiveWorld:
         return self._retreated_ticks is not None
 
     def prepare(
-        self, driver: Driver, *, force_guard: bool = False, withdraw_after_success: bool = False
+        self,
+        driver: Driver,
+        *,
+        force_guard: bool = False,
+        withdraw_after_success: bool = False,
+        rules: AppliedRules | None = None,
     ) -> None:
         """Prepare a driver for the current episode, and build the control loop with the chosen layers."""
-        driver.reset(self._episodes, self._generators)
-        self._loop = ControlLoop(
+        self._loop = self._episodes.loop = ControlLoop(
             self._episodes,
             force_guard=force_guard,
             withdraw_after_success=withdraw_after_success,
             reward_withdrawal=True,
+            rules=rules,
         )
+        if self._loop.pacing is not None:
+            self._loop.pacing.build(0)
+        driver.reset(self._episodes, self._generators)
+
+    @property
+    def pacing(self) -> Pacing | None:
+        """The pacing layer, if the trial has one."""
+        return self._loop.pacing
+
+    def take_command(self, command: CommandName) -> bool:
+        """Take a command of the participant. Returns whether it has an effect on the robot."""
+        return bool(self._loop.take_command(command)[0])
 
     @property
     def withdrawing(self) -> bool:

@@ -10,12 +10,14 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
+from avrgym.commands.vocabulary import ClientSource, Source, WatcherSource
+from avrgym.commands.vocabulary import CommandName as RobotCommandName
 from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
 
-PROTOCOL = 12
+PROTOCOL = 13
 
 TICK_S = PHYSICS_STEP_S
 """Period of the real-time loop."""
@@ -83,6 +85,13 @@ class StreamStatus(msgspec.Struct, frozen=True):
     present: bool
 
 
+class CommandLabel(msgspec.Struct, frozen=True):
+    """A robot command that the participant can give, and its label in the participant's language."""
+
+    name: RobotCommandName
+    label: str
+
+
 class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
     """Base of all messages."""
 
@@ -145,6 +154,17 @@ class Stop(Message, frozen=True, tag="stop"):
     method: StopMethod | None = None
 
 
+class RobotCommand(Message, frozen=True, tag="robot_command"):
+    """A command of the participant to the robot, see ``avrgym.commands.vocabulary``.
+
+    ``source``: the input that gave it. ``client_time_ms``: time of the input, on the clock of the page.
+    """
+
+    name: RobotCommandName
+    source: ClientSource
+    client_time_ms: float
+
+
 class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
     """The visibility of the scene has changed. After each ``welcome``, the server assumes ``visible``."""
 
@@ -203,6 +223,7 @@ ClientMessage = (
     | Ready
     | SceneLoaded
     | Stop
+    | RobotCommand
     | VisibilityChanged
     | Recalibrate
     | OriginReset
@@ -251,6 +272,14 @@ class Drive(Message, frozen=True, tag="drive"):
     angular: Shares
 
 
+class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
+    """A command of the caregiver or the experimenter to the robot, as ``RobotCommand``."""
+
+    name: RobotCommandName
+    source: WatcherSource
+    client_time_ms: float
+
+
 class SceneWatched(Message, frozen=True, tag="scene_watched"):
     """A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not."""
 
@@ -258,7 +287,14 @@ class SceneWatched(Message, frozen=True, tag="scene_watched"):
 
 
 ExperimenterMessage = (
-    Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | SceneWatched
+    Hello
+    | Receipt
+    | Command
+    | CorrectTorsoHeight
+    | ChooseParticipantBody
+    | Drive
+    | WatcherRobotCommand
+    | SceneWatched
 )
 
 # From the server -------------------------------------------------------------------------------------------
@@ -452,6 +488,20 @@ class Problem(Message, frozen=True, tag="problem"):
     messages_by_input: dict[str, str] = {}
 
 
+class RobotCommands(Message, frozen=True, tag="robot_commands"):
+    """The robot commands that are possible now; without ``commands``, none. Sent when a field changes.
+
+    ``sources``: the allowed sources. ``mode``: what the pacing layer does, see ``avrgym.safety.pacing``; empty without
+    the layer. ``speed_factor``: factor of the policy's speed. ``distance_m``: distance at which the robot waits.
+    """
+
+    commands: list[CommandLabel]
+    sources: list[Source]
+    mode: str
+    speed_factor: float
+    distance_m: float
+
+
 class Feedback(Message, frozen=True, tag="feedback"):
     """Haptic and acoustic feedback for one control step.
 
@@ -529,6 +579,7 @@ ServerMessage = (
     | Phase
     | Question
     | Problem
+    | RobotCommands
     | Feedback
     | Status
     | Timing

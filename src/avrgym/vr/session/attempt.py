@@ -143,6 +143,22 @@ class Attempt:
             self._targets_rad = joint_targets_rad
             self.record("/body_targets", schema.BodyTargets(joint_targets_rad.tolist()), now_s)
 
+    def record_pacing(self, world: LiveWorld, step: ControlStep, now_s: float) -> None:
+        """Record the pacing layer, if the trial has one, after ``record_step``."""
+        pacing = world.pacing
+        if pacing is None:
+            return
+        record = schema.Pacing(
+            step=self.steps,
+            mode=pacing.mode_name(0),
+            speed_factor=float(pacing.speed_factor[0]),
+            distance_m=float(pacing.distance_m[0]),
+            side=float(pacing.side[0]),
+            gap_m=float(pacing.gap_m[0]),
+            tool_speed_m_s=float(step.outcome.tool_speed_m_s[0]),
+        )
+        self.record("/pacing", record, now_s)
+
     def record_step(self, step: ControlStep, driver: str, idle: bool, now_s: float) -> None:
         """Count and record a finished control step; see ``schema.Control``."""
         outcome = step.outcome
@@ -256,6 +272,7 @@ def configuration(
         headset_check=headset,
         consent=plan.consent,
         settings=plan.settings,
+        rules=trial.rules,
         furniture=plan.furniture,
         reward_weights=dict(world.task.weights),
         items=tuple(plan.items_after(trial)),

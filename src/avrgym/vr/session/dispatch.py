@@ -38,6 +38,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.go_back()
         case messages.Stop():
             return phase.stop("participant", message.method)
+        case messages.RobotCommand() | messages.WatcherRobotCommand():
+            return phase.command_robot(message.name, message.source)
         case messages.ChooseParticipantBody():
             return phase.choose_body(message, "experimenter")
         case messages.ChooseBody():

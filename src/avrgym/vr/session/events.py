@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
@@ -141,6 +142,23 @@ class Stopped(SessionEvent):
 
     by: Initiator
     way: StopMethod | None = None
+
+
+@dataclass(frozen=True)
+class RobotCommanded(SessionEvent):
+    """The participant gave the robot a command."""
+
+    name: CommandName
+    source: Source
+
+
+@dataclass(frozen=True)
+class CommandIgnored(SessionEvent):
+    """A command to the robot was ignored; ``reason``: why."""
+
+    name: CommandName
+    source: Source
+    reason: str
 
 
 @dataclass(frozen=True)

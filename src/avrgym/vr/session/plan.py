@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from avrgym.commands.preferences import AppliedRules
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session, preferred_policy
@@ -22,7 +23,7 @@ class TrialPlan:
 
     ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
     questionnaire; default: the session's questionnaire. ``earlier_attempts`` is the number of attempts in other
-    sessions.
+    sessions. ``rules`` are the participant's commands and preferences in this trial.
     """
 
     environment: str
@@ -32,6 +33,7 @@ class TrialPlan:
     goal: str = ""
     items: Sequence[Item] | None = None
     earlier_attempts: int = 0
+    rules: AppliedRules | None = None
 
 
 @dataclass(frozen=True)

@@ -169,6 +169,8 @@ class Session:
         send(state.body_message())
         send(state.scene_message())
         state.send_placed(send)
+        if state.offered.commands:
+            send(state.offered)
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
@@ -196,6 +198,7 @@ class Session:
             state.record_withdrawal()
         if step is not None:
             self._go_to(self._phase.finish_step(step))
+        state.send_offered_commands(possible=self._phase.name == "trial")
         self._check_storage()
         while self._go_to(self._phase.wait()):
             pass

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
+from avrgym.commands.vocabulary import COMMANDS, CommandName, Source
 from avrgym.models import human
 from avrgym.models.body_names import Part
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
@@ -27,6 +28,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
+from avrgym.vr.session.head_commands import HeadCommands
 from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.trial_drivers import Drivers
@@ -35,6 +37,7 @@ from avrgym.vr.tracking.tracking_state import TrackingState
 
 NOT_IN_VR = Text("waiting")
 """The value of ``away`` before the participant has entered VR."""
+NO_COMMANDS = messages.RobotCommands([], [], "", 1.0, 0.0)
 LATENCY_SECONDS = 5
 """Number of seconds in the latency statistics of the experimenter's page."""
 
@@ -77,6 +80,8 @@ class SessionState:
     def __post_init__(self) -> None:
         self._sent_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
+        self.offered = NO_COMMANDS
+        self.head_commands: HeadCommands | None = None
         self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_SECONDS)
         self.latency: list[messages.StageLatency] = []
 
@@ -296,7 +301,14 @@ class SessionState:
         self.tracking.take_arrived()
         attempt.record_physics(world, self.now_s)
         self.drivers.begin()
-        world.prepare(self.driver, force_guard=plan.force_guard, withdraw_after_success=self.withdraws)
+        rules = self.current.rules
+        world.prepare(
+            self.driver,
+            force_guard=plan.force_guard,
+            withdraw_after_success=self.withdraws,
+            rules=rules,
+        )
+        self.head_commands = None if rules is None else HeadCommands(rules)
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def record_driver_failures(self) -> None:
@@ -325,6 +337,52 @@ class SessionState:
         elif self._guard_acts and not acts:
             self.record_event(RELEASE_EVENT, "")
         self._guard_interventions, self._guard_acts = interventions, acts
+
+    def take_command(self, command: CommandName, source: Source) -> None:
+        """Pass a command to the robot, and record it. A command that the trial does not allow is ignored."""
+        rules = self.current.rules
+        refusal = "this trial has no commands" if rules is None else rules.refusal(command, source)
+        if refusal:
+            self.ignore_command(command, source, refusal)
+            return
+        self.record_command(command, source, effective=self.world.take_command(command))
+
+    def record_command(self, command: CommandName, source: Source, *, effective: bool) -> None:
+        """Record a command of the participant to the robot."""
+        self._record_command(command, source, effective=effective)
+        self.sink.report(events.RobotCommanded(self.now_s, command, source))
+
+    def ignore_command(self, command: CommandName, source: Source, reason: str) -> None:
+        """Record and report why a command is ignored."""
+        self._record_command(command, source, refusal=reason)
+        self.record_event("command_ignored", f"{command} from {source}: {reason}")
+        self.sink.report(events.CommandIgnored(self.now_s, command, source, reason))
+        self.report(f"the command {command} from {source} is ignored: {reason}")
+
+    def _record_command(
+        self, command: CommandName, source: Source, *, effective: bool = False, refusal: str = ""
+    ) -> None:
+        attempt = self.storage.attempt
+        if attempt is not None:
+            record = schema.RobotCommand(command, source, attempt.steps, effective, refusal)
+            attempt.record("/robot_commands", record, self.now_s)
+
+    def send_offered_commands(self, *, possible: bool) -> None:
+        """Send the possible commands and the pacing layer's state, if they have changed."""
+        offered = self._offered_commands() if possible else NO_COMMANDS
+        if offered != self.offered:
+            self.offered = offered
+            self.send(offered)
+
+    def _offered_commands(self) -> messages.RobotCommands:
+        rules, pacing, language = self.current.rules, self.world.pacing, self.plan.texts.language
+        if rules is None or pacing is None or not rules.commands:
+            return NO_COMMANDS
+        labels = [messages.CommandLabel(name, COMMANDS[name].label(language)) for name in rules.commands]
+        mode = pacing.mode_name(0) if rules.pacing else ""
+        return messages.RobotCommands(
+            labels, list(rules.sources), mode, float(pacing.speed_factor[0]), float(pacing.distance_m[0])
+        )
 
     @property
     def withdraws(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.safety.withdrawal import WITHDRAWAL
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.texts.interface_texts import Text
@@ -11,6 +12,7 @@ from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
+from avrgym.vr.session.phases import Phase
 from avrgym.vr.session.phases.kinds import RobotFinished, Stoppable
 from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
@@ -64,12 +66,30 @@ class Trial(Stoppable):
         else:
             self.driver.take_command(wish, self.state.now_s)
 
+    def command_robot(self, command: CommandName, source: Source) -> Phase:
+        if command == "stop":
+            self.state.world.take_command(command)
+            self.state.record_command(command, source, effective=True)
+            return super().command_robot(command, source)
+        self.state.take_command(command, source)
+        return self
+
+    def take_tracking(self, tracking: messages.Tracking) -> None:
+        super().take_tracking(tracking)
+        if self.state.head_commands is not None:
+            for command, source in self.state.head_commands.gestures(tracking):
+                self.state.take_command(command, source)
+
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt
         assert attempt is not None
         idle = bool(self.state.tracking.lost) or (not step.withdrawing and self.driver.idle)
         driver = WITHDRAWAL if step.withdrawing else self.state.current.policy
         attempt.record_step(step, driver, idle, self.state.now_s)
+        attempt.record_pacing(self.state.world, step, self.state.now_s)
+        if self.state.head_commands is not None:
+            for command, source in self.state.head_commands.gaze(self.state.world):
+                self.state.take_command(command, source)
         if attempt.steps < self.state.plan.trial_steps:
             return self
         attempt.robot_finished(self.state.now_s)

@@ -1,0 +1,117 @@
+"""Detection of nods, shakes and looking at the tool from the motion of N heads.
+
+People signal "yes" and "no" with symmetric, cyclic head movements; other head movements in conversations are mostly
+linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a number of swings about the lateral axis of
+the head in alternating directions, a shake the same about its vertical axis. Thresholds are in
+``commands.preferences.Thresholds``; ``research/head_gestures.py`` measures false alarms and misses.
+
+- Slow turns are removed: only the difference to a straight line through the window counts.
+- Swings about the other axes must be at most half as large: people who look about turn about several axes.
+- Faster swings than ``FASTEST_HZ`` do not count. Tremor of the head has 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
+  2018).
+- Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.commands.preferences import Thresholds
+from avrgym.geometry import transforms
+
+SAMPLE_S = 0.04
+"""Minimum interval of samples. Headsets with 50 to 120 frames a second then give 22 to 25 samples a second."""
+WINDOW_S = 1.5
+FASTEST_HZ = 3.5
+DOMINANCE = 2.0
+"""Smallest ratio of the swings about the axis of a gesture to those about the other axes."""
+PAUSE_S = 1.5
+"""Minimum time between two gestures of a head."""
+_SAMPLES = round(WINDOW_S / SAMPLE_S)
+_MOST_SWINGS = round(2.0 * FASTEST_HZ * WINDOW_S)
+
+Gesture = Literal["nod", "shake"]
+
+
+class HeadGestures:
+    """Detects nods and shakes of N heads in a stream of orientations."""
+
+    def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
+        self._thresholds = thresholds
+        self._q = np.tile([1.0, 0.0, 0.0, 0.0], (heads, _SAMPLES, 1))
+        self._count, self._latest_s = 0, -np.inf
+        self._quiet_until_s = np.full(heads, -np.inf)
+
+    def update(self, q: FloatArray, time_s: float) -> dict[Gesture, BoolArray]:
+        """Take the orientations of the heads. Returns the masks (N,) of heads that have just completed a gesture.
+
+        Args:
+            q: (N, 4) quaternions w, x, y, z, in any fixed frame. The axes of the head are x to its side, y up.
+            time_s: time of the measurement. Measurements that follow too early are ignored.
+        """
+        if time_s - self._latest_s < SAMPLE_S - 1e-6:
+            return {}
+        if time_s - self._latest_s > WINDOW_S:
+            self._count = 0
+        self._latest_s = time_s
+        self._q = np.concatenate([self._q[:, 1:], q[:, None]], axis=1)
+        self._count += 1
+        if self._count < _SAMPLES:
+            return {}
+        swings, extent = swings_of(self._q, np.radians(self._thresholds.swing_deg))
+        found: dict[Gesture, BoolArray] = {}
+        names: tuple[Gesture, ...] = ("nod", "shake")
+        for axis, name in enumerate(names):
+            others = np.delete(extent, axis, axis=1).max(axis=-1)
+            number = swings[:, axis]
+            done = (number >= self._thresholds.swings) & (number <= _MOST_SWINGS)
+            done &= (extent[:, axis] >= DOMINANCE * others) & (time_s >= self._quiet_until_s)
+            self._quiet_until_s = np.where(done, time_s + PAUSE_S, self._quiet_until_s)
+            found[name] = done
+        return found
+
+
+def swings_of(q: FloatArray, swing_rad: float) -> tuple[FloatArray, FloatArray]:
+    """Returns the number of swings about each axis of the head, and their root-mean-square extent in radians, (N, 3).
+
+    Args:
+        q: (N, T, 4) orientations at equal intervals.
+        swing_rad: the smallest swing that counts, peak to peak.
+    """
+    turned = transforms.to_rotation_vector(transforms.multiply(transforms.conjugate(q[:, :1]), q))
+    line = np.linspace(-1.0, 1.0, q.shape[1])
+    slope = (turned * line[:, None]).sum(axis=1, keepdims=True) / (line * line).sum()
+    swung = turned - turned.mean(axis=1, keepdims=True) - slope * line[:, None]
+    sign = np.where(np.abs(swung) >= 0.5 * swing_rad, np.sign(swung), 0.0)
+    rows = np.arange(q.shape[1], dtype=np.intp)[:, None]
+    latest: IntArray = np.maximum.accumulate(np.where(sign != 0.0, rows, 0), axis=1)
+    filled = np.take_along_axis(sign, latest, axis=1)
+    changes = (filled[:, 1:] * filled[:, :-1] < 0.0).sum(axis=1)
+    return changes, np.sqrt((swung * swung).mean(axis=1))
+
+
+class GazeTimer:
+    """Measures how long N heads have faced the tool without interruption, or have not faced it."""
+
+    def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
+        self._thresholds = thresholds
+        self.facing_s, self.away_s = np.zeros(heads), np.zeros(heads)
+
+    def update(self, angle_rad: FloatArray, step_s: float) -> None:
+        """Take the angles (N,) between the direction of the head and the tool after a time step."""
+        facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
+        self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
+        self.away_s = np.where(facing, 0.0, self.away_s + step_s)
+
+    def looks(self) -> BoolArray:
+        """Boolean mask (N,): heads that have faced the tool for ``gaze_s``. Their time begins again."""
+        due = self.facing_s >= self._thresholds.gaze_s
+        self.facing_s = np.where(due, 0.0, self.facing_s)
+        return due
+
+    def looks_away(self) -> BoolArray:
+        """Boolean mask (N,): heads that have not faced the tool for ``gaze_s``. Their time begins again."""
+        due = self.away_s >= self._thresholds.gaze_s
+        self.away_s = np.where(due, 0.0, self.away_s)
+        return due

@@ -1,0 +1,225 @@
+"""Commands and sources of a study's condition, and the preferences of a participant.
+
+``study.toml`` and the database store these records. Invalid combinations are refused.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from avrgym.commands.vocabulary import COMMANDS, CommandName, Source, commands_of
+
+SLOWEST, FASTEST, SPEED_STEP = 0.25, 1.25, 0.25
+"""Limits of the speed factor, and its change by ``slower`` and ``faster``. Joint speeds stay within their limits."""
+NEAREST_M, FARTHEST_M, DISTANCE_STEP_M = 0.05, 0.40, 0.05
+"""Limits of the waiting distance, and its change by ``closer`` and ``farther``."""
+STANDARD_FORCE_SHARE = 0.5
+"""Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
+
+Side = Literal["any", "left", "right"]
+BiteTiming = Literal["on_cue", "after_swallowing", "with_company"]
+Speed = Annotated[float, Meta(ge=SLOWEST, le=FASTEST)]
+Distance = Annotated[float, Meta(ge=NEAREST_M, le=FARTHEST_M)]
+
+
+class Thresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Thresholds of nod, shake and gaze; see ``commands.head_motion``."""
+
+    swing_deg: Annotated[float, Meta(ge=2, le=30)] = 6.0
+    """Smallest swing of head rotation that counts, peak to peak."""
+    swings: Annotated[int, Meta(ge=2, le=6)] = 3
+    """Swings of a nod or shake, in alternating directions."""
+    gaze_deg: Annotated[float, Meta(ge=5, le=45)] = 20.0
+    """Largest angle between the direction of the head and the tool when the participant looks at the tool."""
+    gaze_s: Annotated[float, Meta(ge=0.5, le=5)] = 1.5
+    """Time of looking at or away from the tool until a command."""
+
+
+class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """A participant's preferences. ``None``: the value of the condition.
+
+    ``speed``: factor of the policy's speed. ``distance_m``: distance of the tool from mouth or arm at the waiting pose.
+    ``side``: side of the participant at which the robot waits. ``bite_timing``: the robot continues from the waiting
+    pose after ``ready`` (``on_cue``); by itself after ``pause_s`` (``after_swallowing``); or by itself after this time
+    when the head also faces the tool, not the company (``with_company``). ``force_share``: share of the standard's
+    force limits at which the force guard acts.
+
+    Raises:
+        ValueError: for values that are out of range or contradict each other.
+    """
+
+    speed: Speed = 1.0
+    distance_m: Distance = 0.15
+    side: Side = "any"
+    bite_timing: BiteTiming = "on_cue"
+    pause_s: Annotated[float, Meta(ge=0.5, le=60)] = 4.0
+    force_share: float = STANDARD_FORCE_SHARE
+    commands: tuple[CommandName, ...] | None = None
+    sources: tuple[Source, ...] | None = None
+    thresholds: Thresholds | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.05 <= self.force_share <= STANDARD_FORCE_SHARE:
+            raise ValueError(
+                f"force_share is {self.force_share:g}; allowed: 0.05 to {STANDARD_FORCE_SHARE:g}, because a preference "
+                "can only lower the force limits of the guard"
+            )
+        for name, values in (("commands", self.commands), ("sources", self.sources)):
+            if values is not None and len(set(values)) < len(values):
+                raise ValueError(f"{name} contains a name twice; allowed: once")
+
+    @property
+    def continues_by_itself(self) -> bool:
+        """Whether the robot leaves its waiting pose without a command."""
+        return self.bite_timing != "on_cue"
+
+
+DEFAULT_PREFERENCES = Preferences()
+
+
+class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """The rules of a condition: the policy, and how participants can influence the robot.
+
+    ``commands`` and ``sources``: the allowed ones; without commands the robot is autonomous. ``pacing``: the pacing
+    layer executes the commands; ``false``: only the controller receives them. ``preferences``: the participants' own
+    preferences apply.
+    """
+
+    policy: str
+    commands: tuple[CommandName, ...] = ()
+    sources: tuple[Source, ...] = ()
+    pacing: bool = True
+    preferences: bool = False
+    defaults: Preferences = DEFAULT_PREFERENCES
+    thresholds: Thresholds = Thresholds()
+
+    @property
+    def layered(self) -> bool:
+        """Whether the control loop contains the pacing layer."""
+        return bool(self.commands) or self.preferences or self.defaults != DEFAULT_PREFERENCES
+
+
+class AppliedRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
+    """The rules of one trial: those of the condition with the participant's preferences."""
+
+    policy: str
+    commands: tuple[CommandName, ...]
+    sources: tuple[Source, ...]
+    pacing: bool
+    preferences: Preferences
+    thresholds: Thresholds
+
+    def refusal(self, command: CommandName, source: Source) -> str:
+        """Returns the reason why a command is ignored; empty if it is allowed."""
+        if source not in self.sources:
+            allowed = ", ".join(self.sources) or "none"
+            return f"{source} is not a source of commands in this trial; allowed: {allowed}"
+        if command not in self.commands:
+            return f"{command} is not a command of this trial; allowed: {', '.join(self.commands)}"
+        if command not in commands_of(source):
+            return f"{source} cannot give {command}; allowed: {', '.join(commands_of(source))}"
+        return ""
+
+
+def apply_preferences(rules: CommandRules, own: Preferences | None) -> AppliedRules:
+    """Returns the rules of a trial. The participant's preferences apply if the condition allows it.
+
+    Raises:
+        ValueError: if preferences and condition contradict each other.
+    """
+    preferences = own if rules.preferences and own is not None else rules.defaults
+    applied = AppliedRules(
+        policy=rules.policy,
+        commands=_chosen("commands", rules.commands, preferences.commands),
+        sources=_chosen("sources", rules.sources, preferences.sources),
+        pacing=rules.pacing,
+        preferences=preferences,
+        thresholds=preferences.thresholds or rules.thresholds,
+    )
+    fault = contradiction(applied)
+    if fault:
+        raise ValueError(fault)
+    return applied
+
+
+def contradiction(rules: AppliedRules) -> str:
+    """Returns the first contradiction in the rules of a trial; empty without one."""
+    if not rules.commands:
+        return "" if not rules.sources else "sources without commands; allowed: both or neither"
+    if "stop" not in rules.commands:
+        return "commands without stop; allowed: sets that contain stop"
+    if not rules.sources:
+        return "commands without a source; allowed: one source or more"
+    given = {command for source in rules.sources for command in commands_of(source)}
+    if (
+        rules.pacing
+        and not rules.preferences.continues_by_itself
+        and "ready" not in given & {*rules.commands}
+    ):
+        return (
+            "the robot waits for ready, but no source gives it; allowed: a source of ready, or bite_timing "
+            "after_swallowing or with_company"
+        )
+    return ""
+
+
+def _chosen(name: str, allowed: Sequence[Any], wanted: Sequence[Any] | None) -> tuple[Any, ...]:
+    """Returns the wanted values in the order of the allowed ones; all without a wish."""
+    if wanted is None:
+        return tuple(allowed)
+    other = [each for each in wanted if each not in allowed]
+    if other and allowed:
+        raise ValueError(
+            f"{name} of the preferences contain {other[0]}; allowed in this condition: {', '.join(allowed)}"
+        )
+    return tuple(each for each in allowed if each in wanted)
+
+
+_WORDS: dict[str, dict[str, str]] = {
+    "en": {
+        "speed": "The robot moves at {speed:.0%} of its usual speed.",
+        "distance": "It waits {distance:.0f} cm away from you{side}.",
+        "any": "",
+        "left": ", on your left",
+        "right": ", on your right",
+        "on_cue": "It continues when you tell it that you are ready.",
+        "after_swallowing": "It continues by itself after {pause:g} seconds.",
+        "with_company": "It continues by itself after {pause:g} seconds, when you face it.",
+        "force": "It pulls back when it presses on you with {force:.0%} of the standard's force limit.",
+        "commands": "Your commands: {commands}.",
+    },
+    "de": {
+        "speed": "Der Roboter bewegt sich mit {speed:.0%} seiner üblichen Geschwindigkeit.",
+        "distance": "Er wartet {distance:.0f} cm von Ihnen entfernt{side}.",
+        "any": "",
+        "left": ", links von Ihnen",
+        "right": ", rechts von Ihnen",
+        "on_cue": "Er macht weiter, wenn Sie ihm zeigen, dass Sie bereit sind.",
+        "after_swallowing": "Er macht nach {pause:g} Sekunden von selbst weiter.",
+        "with_company": "Er macht nach {pause:g} Sekunden von selbst weiter, wenn Sie sich ihm zuwenden.",
+        "force": "Er weicht zurück, wenn er mit {force:.0%} der Kraftgrenze der Norm auf Sie drückt.",
+        "commands": "Ihre Befehle: {commands}.",
+    },
+}
+
+
+def in_words(preferences: Preferences, language: str = "en") -> str:
+    """Returns the preferences as sentences for the participant, in German or else in English."""
+    words = _WORDS.get(language.partition("-")[0], _WORDS["en"])
+    keys: Collection[str] = ("speed", "distance", preferences.bite_timing, "force")
+    if preferences.commands is not None:
+        keys = (*keys, "commands")
+    labels = [COMMANDS[name].label(language) for name in preferences.commands or ()]
+    return " ".join(
+        words[key].format(
+            speed=preferences.speed,
+            distance=100.0 * preferences.distance_m,
+            side=words[preferences.side],
+            pause=preferences.pause_s,
+            force=preferences.force_share,
+            commands=", ".join(labels),
+        )
+        for key in keys
+    )

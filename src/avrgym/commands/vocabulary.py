@@ -1,0 +1,70 @@
+"""Commands of a participant to the robot: names, meanings, texts and sources."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+CommandName = Literal["ready", "wait", "slower", "faster", "closer", "farther", "other_side", "again", "stop"]
+HeadSource = Literal["nod", "shake", "gaze"]
+"""Sources that the server detects."""
+ClientSource = Literal["dwell", "switch", "button", "key"]
+"""Sources that the participant's client reports."""
+WatcherSource = Literal["caregiver", "experimenter"]
+"""Sources that watchers' pages report."""
+Source = HeadSource | ClientSource | WatcherSource
+"""Origin of a command: head gestures, looking at or away from the tool, dwell on an icon, a switch, a button of page or
+gamepad, a key, or another person."""
+
+
+@dataclass(frozen=True)
+class RobotCommand:
+    """A command: its meaning, and its label by language."""
+
+    meaning: str
+    labels: Mapping[str, str]
+
+    def label(self, language: str) -> str:
+        """Returns the label in a language such as ``de`` or ``de-AT``; English if there is none."""
+        return self.labels.get(language.partition("-")[0], self.labels["en"])
+
+
+COMMANDS: Mapping[CommandName, RobotCommand] = {
+    "ready": RobotCommand(
+        "the robot continues from its waiting pose to mouth or arm", {"en": "Ready", "de": "Bereit"}
+    ),
+    "wait": RobotCommand(
+        "the robot backs off to the preferred distance and waits", {"en": "Wait", "de": "Warten"}
+    ),
+    "slower": RobotCommand("the robot moves more slowly", {"en": "Slower", "de": "Langsamer"}),
+    "faster": RobotCommand("the robot moves faster, within its limits", {"en": "Faster", "de": "Schneller"}),
+    "closer": RobotCommand("the robot waits at a smaller distance", {"en": "Closer", "de": "Näher"}),
+    "farther": RobotCommand(
+        "the robot backs off, and waits at a larger distance", {"en": "Farther", "de": "Weiter weg"}
+    ),
+    "other_side": RobotCommand(
+        "the robot backs off and waits on the other side", {"en": "Other side", "de": "Andere Seite"}
+    ),
+    "again": RobotCommand(
+        "the robot approaches once more, also after its withdrawal", {"en": "Again", "de": "Noch einmal"}
+    ),
+    "stop": RobotCommand("the robot stops immediately, and the attempt ends", {"en": "Stop", "de": "Stopp"}),
+}
+"""The vocabulary, in the order of buttons and keys."""
+COMMAND_NAMES: tuple[CommandName, ...] = get_args(CommandName)
+COMMAND_INDEX: Mapping[str, int] = {name: index for index, name in enumerate(COMMAND_NAMES)}
+HEAD_SOURCES: tuple[HeadSource, ...] = get_args(HeadSource)
+CLIENT_SOURCES: tuple[ClientSource, ...] = get_args(ClientSource)
+WATCHER_SOURCES: tuple[WatcherSource, ...] = get_args(WatcherSource)
+SOURCES: tuple[Source, ...] = (*HEAD_SOURCES, *CLIENT_SOURCES, *WATCHER_SOURCES)
+
+LIMITED_SOURCES: Mapping[str, tuple[CommandName, ...]] = {
+    "nod": ("ready",),
+    "shake": ("wait",),
+    "gaze": ("ready", "wait"),
+}
+"""Commands of the sources that cannot give every command."""
+
+
+def commands_of(source: Source) -> tuple[CommandName, ...]:
+    """Returns the commands that a source can give."""
+    return LIMITED_SOURCES.get(source, COMMAND_NAMES)

@@ -1,0 +1,274 @@
+"""Pacing layer: participants pace a robot whose policy knows no commands.
+
+The policy drives the tool until it is at the waiting distance from mouth or arm. The robot waits there for ``ready``.
+The layer scales the policy's actions, keeps distance and side, and backs off at ``wait``, see ``commands.vocabulary``.
+While it backs off or changes the side, the tool moves as in a ``Retreat``, with at most ``retreat.SPEED_M_S``.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.commands.preferences import (
+    DISTANCE_STEP_M,
+    FARTHEST_M,
+    FASTEST,
+    NEAREST_M,
+    SLOWEST,
+    SPEED_STEP,
+    AppliedRules,
+)
+from avrgym.commands.vocabulary import COMMAND_INDEX, COMMAND_NAMES, CommandName
+from avrgym.geometry import transforms
+from avrgym.geometry.capsules import point_distance
+from avrgym.models.human import GEOMS
+from avrgym.people.cooperation import OfferedPart
+from avrgym.safety.per_world_state import PerWorldState
+from avrgym.safety.retreat import SPEED_M_S, Retreat
+from avrgym.simulation.state import State
+from avrgym.simulation.worlds import Simulation
+
+MODES = ("approaching", "waiting", "backing_off", "changing_side", "continuing", "stopped")
+"""What the layer does. The policy drives while the robot approaches or continues."""
+APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(MODES))
+TOLERANCE_M = 0.05
+"""A waiting robot backs off when a participant is closer than the preferred distance by more than this."""
+SIDE_OFFSET_M = 0.08
+"""Lateral distance of the tool from mouth or arm at which it is on a side."""
+SIDE_LIMIT_S = 5.0
+"""Maximum duration of a change of side. The other side may be out of reach."""
+FACING_RAD = float(np.radians(30.0))
+"""Largest angle between the direction of the head and the tool when a participant faces the tool."""
+COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
+"""Entries of the input ``command`` of controllers: 1 for the latest command, the time since it (up to 60 s), the speed
+factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1 while the robot waits."""
+MAX_AGE_S = 60.0
+_PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
+    "mouth": ("cranium", "jaw"),
+    "arm": ("right_upper_arm", "right_forearm", "right_hand"),
+    "nothing": tuple(GEOMS),
+}
+_SIDES = {"any": 0.0, "left": 1.0, "right": -1.0}
+
+
+class Pacing(PerWorldState):
+    """Overrides actions in N worlds by the commands of participants.
+
+    ``mode`` (N,) are indices in ``MODES``, ``speed_factor`` (N,) factors of the policy's actions, ``distance_m`` (N,)
+    the preferred distances, ``side`` (N,) the preferred sides (1 left, −1 right, 0 any). ``gap_m`` (N,) is the distance
+    between tool and mouth or arm at the start of the control step.
+    """
+
+    STATE = (
+        "mode", "speed_factor", "distance_m", "side", "gap_m", "_lateral_m", "_own",
+        "_paused_s", "_moved_s", "_side_tried", "_latest", "_age_s",
+    )  # fmt: skip
+
+    def __init__(self, simulation: Simulation, offered: OfferedPart, rules: AppliedRules) -> None:
+        """Pace the robots of a simulation. ``offered`` is the body part that the task needs."""
+        self._simulation, self._offered, self.rules = simulation, offered, rules
+        self._geoms = np.array([list(GEOMS).index(name) for name in _PARTS[offered]])
+        self._step_s = simulation.scene.control_step_s
+        self._waits = "ready" in rules.commands or rules.preferences.continues_by_itself
+        self._retreats: dict[int, Retreat] = {}
+        worlds = simulation.num_worlds
+        self.mode = np.zeros(worlds, dtype=np.intp)
+        self.speed_factor, self.distance_m, self.side = (np.zeros(worlds) for _ in range(3))
+        self.gap_m, self._lateral_m = np.zeros(worlds), np.zeros(worlds)
+        self._own = np.zeros((worlds, len(simulation.scene.action_names)))
+        self._paused_s, self._moved_s, self._age_s = (np.zeros(worlds) for _ in range(3))
+        self._side_tried = np.zeros(worlds, dtype=bool)
+        self._latest = np.zeros(worlds, dtype=np.intp)
+        self.reset(np.arange(worlds))
+
+    def reset(self, ids: IntArray) -> None:
+        """Start episodes in worlds ``ids`` (n,) with the preferences."""
+        self._clear(ids)
+        wishes = self.rules.preferences
+        self.mode[ids] = APPROACHING if self._waits and self.rules.pacing else CONTINUING
+        self.speed_factor[ids], self.distance_m[ids] = wishes.speed, wishes.distance_m
+        self.side[ids], self._latest[ids], self._age_s[ids] = _SIDES[wishes.side], -1, MAX_AGE_S
+        for world in ids.tolist():
+            self._retreats.pop(world, None)
+
+    def build(self, world: int) -> None:
+        """Build the retreat of a world in advance. This takes milliseconds."""
+        self._retreats[world] = Retreat(
+            self._simulation,
+            world,
+            clear_m=np.inf,
+            free_m=FARTHEST_M,
+            steps=round(float(self._moved_s[world]) / self._step_s),
+            step_s=self._step_s,
+        )
+
+    def take(self, command: CommandName, worlds: BoolArray) -> BoolArray:
+        """Take a command in the worlds of a mask (N,). Returns the mask of the worlds in which it has an effect."""
+        before = self.mode, self.speed_factor, self.distance_m, self.side
+        worlds = worlds & (self.mode != STOPPED)
+        self._latest = np.where(worlds, COMMAND_INDEX[command], self._latest)
+        self._age_s = np.where(worlds, 0.0, self._age_s)
+        if self.rules.pacing or command == "stop":
+            self._react(command, worlds)
+        now = self.mode, self.speed_factor, self.distance_m, self.side
+        return np.any([old != new for old, new in zip(before, now, strict=True)], axis=0)
+
+    def _react(self, command: CommandName, worlds: BoolArray) -> None:
+        waiting = self.mode == WAITING
+        match command:
+            case "ready" | "again":
+                self._enter(CONTINUING, worlds)
+            case "wait":
+                self._enter(BACKING_OFF, worlds & ~waiting)
+            case "slower" | "faster":
+                change = SPEED_STEP if command == "faster" else -SPEED_STEP
+                changed = np.clip(self.speed_factor + change, SLOWEST, FASTEST)
+                self.speed_factor = np.where(worlds, changed, self.speed_factor)
+            case "closer":
+                self._change_distance(-DISTANCE_STEP_M, worlds)
+                self._enter(APPROACHING, worlds & waiting)
+            case "farther":
+                self._change_distance(DISTANCE_STEP_M, worlds)
+                self._enter(BACKING_OFF, worlds & (waiting | (self.mode == CONTINUING)))
+            case "other_side":
+                present = np.where(self.side == 0.0, np.where(self._lateral_m > 0.0, 1.0, -1.0), self.side)
+                self.side = np.where(worlds, -present, self.side)
+                self._side_tried = self._side_tried & ~worlds
+                self._enter(BACKING_OFF, worlds & (self.mode != APPROACHING))
+            case "stop":
+                self.mode = np.where(worlds, STOPPED, self.mode)
+
+    def _change_distance(self, change_m: float, worlds: BoolArray) -> None:
+        changed = np.clip(self.distance_m + change_m, NEAREST_M, FARTHEST_M)
+        self.distance_m = np.where(worlds, changed, self.distance_m)
+
+    def override(self, commanded: FloatArray) -> FloatArray:
+        """Returns the actions (N, A) for the next control step, given those of the policy. Call it once per step."""
+        self._age_s = np.minimum(self._age_s + self._step_s, MAX_AGE_S)
+        if self.rules.pacing:
+            self._update_modes(self._simulation.state())
+        return self.apply(commanded)
+
+    def apply(self, commanded: FloatArray) -> FloatArray:
+        """Returns the actions (N, A) for changed actions of the policy within a control step."""
+        if not self.rules.pacing:
+            return np.where((self.mode == STOPPED)[:, None], 0.0, commanded)
+        scaled = np.clip(self.speed_factor[:, None] * np.clip(commanded, -1.0, 1.0), -1.0, 1.0)
+        return np.where(self._follows[:, None], scaled, self._own)
+
+    def mode_name(self, world: int) -> str:
+        """Returns the mode of a world, one of ``MODES``."""
+        return MODES[int(self.mode[world])]
+
+    @property
+    def waiting(self) -> BoolArray:
+        """Boolean mask (N,): worlds in which the robot waits at its waiting pose."""
+        return self.mode == WAITING
+
+    @property
+    def _follows(self) -> BoolArray:
+        """Boolean mask (N,): worlds in which the policy drives."""
+        return (self.mode == APPROACHING) | (self.mode == CONTINUING)
+
+    def command_input(self) -> FloatArray:
+        """Returns the input ``command`` of controllers, (N, ``len(COMMAND_INPUT)``)."""
+        latest = np.arange(len(COMMAND_NAMES)) == self._latest[:, None]
+        rest = self._age_s, self.speed_factor, self.distance_m, self.side, self.waiting
+        return np.column_stack([latest, *rest]).astype(float)
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Restores a state from ``saved``."""
+        super().restore(saved)
+        self._retreats.clear()
+
+    def _update_modes(self, state: State) -> None:
+        before_m = self.gap_m
+        self.gap_m, self._lateral_m = self._distances(state)
+        next_m = self.gap_m + np.minimum(self.gap_m - before_m, 0.0)
+        self._own = np.zeros_like(self._own)
+        self._arrive((self.mode == APPROACHING) & (next_m <= self.distance_m))
+        self._enter(BACKING_OFF, self.waiting & (self.gap_m < self.distance_m - TOLERANCE_M))
+        self._arrive((self.mode == BACKING_OFF) & (self.gap_m >= self.distance_m))
+        for world in np.flatnonzero(self.mode == BACKING_OFF).tolist():
+            self._back_off(world)
+        for world in np.flatnonzero(self.mode == CHANGING_SIDE).tolist():
+            self._change_side(world, state)
+        self._continue_by_itself(state)
+
+    def _continue_by_itself(self, state: State) -> None:
+        """Leave the waiting pose without a command, if the participant prefers that."""
+        wishes = self.rules.preferences
+        self._paused_s = np.where(self.waiting, self._paused_s + self._step_s, 0.0)
+        if not wishes.continues_by_itself:
+            return
+        due = self.waiting & (self._paused_s > wishes.pause_s)
+        if wishes.bite_timing == "with_company":
+            due = due & (facing_angle_rad(state) < FACING_RAD)
+        self._enter(CONTINUING, due)
+
+    def _enter(self, mode: int, worlds: BoolArray) -> None:
+        entered = worlds & (self.mode != mode)
+        self.mode = np.where(worlds, mode, self.mode)
+        self._moved_s = np.where(entered, 0.0, self._moved_s)
+        self._paused_s = np.where(entered, 0.0, self._paused_s)
+        for world in np.flatnonzero(entered & (self.mode == BACKING_OFF)).tolist():
+            if world in self._retreats:
+                self._retreats[world].restart()
+
+    def _arrive(self, worlds: BoolArray) -> None:
+        """Wait in the worlds of a mask (N,), after a change of side if the tool is on the wrong side."""
+        wrong = (self.side != 0.0) & (self._lateral_m * self.side < SIDE_OFFSET_M) & ~self._side_tried
+        self._enter(CHANGING_SIDE, worlds & wrong)
+        self._enter(WAITING, worlds & ~wrong)
+
+    def _back_off(self, world: int) -> None:
+        action = self._retreat(world).action()
+        self._moved_s[world] += self._step_s
+        if action is None:
+            self._enter(WAITING, self._only(world))
+        else:
+            self._own[world] = action
+
+    def _change_side(self, world: int, state: State) -> None:
+        """Move the tool to the preferred side, and away from the person if it is too close."""
+        self._moved_s[world] += self._step_s
+        side = self.side[world]
+        if self._lateral_m[world] * side >= SIDE_OFFSET_M or self._moved_s[world] > SIDE_LIMIT_S:
+            self._side_tried[world] = True
+            self._enter(WAITING, self._only(world))
+            return
+        missing = np.clip((self.distance_m[world] - self.gap_m[world]) / TOLERANCE_M, 0.0, 1.0)
+        away_w = state.pad_pos_w[world] - self._reference_w(state)[world]
+        direction = np.array([side, 0.0, 0.0]) + missing * away_w / max(float(np.linalg.norm(away_w)), 1e-9)
+        self._own[world] = self._retreat(world).steer(
+            SPEED_M_S * direction / max(float(np.linalg.norm(direction)), 1e-9)
+        )
+
+    def _only(self, world: int) -> BoolArray:
+        return np.arange(len(self.mode)) == world
+
+    def _retreat(self, world: int) -> Retreat:
+        if world not in self._retreats:
+            self.build(world)
+        return self._retreats[world]
+
+    def _distances(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """The distance (N,) between tool and offered body part, and the tool's lateral offset (N,) to the left."""
+        ends_w = state.person_segment_w[:, self._geoms]
+        apart = point_distance(state.pad_pos_w[:, None], ends_w[:, :, 0], ends_w[:, :, 1])
+        gap_m = (apart - state.person_radius_m[:, self._geoms]).min(axis=-1)
+        return gap_m, (state.pad_pos_w - self._reference_w(state))[:, 0]
+
+    def _reference_w(self, state: State) -> FloatArray:
+        """The position (N, 3) relative to which the tool is on the left or right."""
+        return state.right_arm_pos_w.mean(axis=1) if self._offered == "arm" else state.mouth_pos_w
+
+
+def facing_angle_rad(state: State) -> FloatArray:
+    """Returns the angle (N,) between the direction of the head and the direction from the head to the tool."""
+    ahead_w = transforms.rotate(state.head_q_w, np.array([0.0, -1.0, 0.0]))
+    toward_w = state.pad_pos_w - state.head_pos_w
+    cosine = (ahead_w * toward_w).sum(axis=-1) / np.maximum(np.linalg.norm(toward_w, axis=-1), 1e-9)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

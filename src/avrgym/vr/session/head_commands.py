@@ -1,0 +1,54 @@
+"""Commands from head gestures and gaze of the participant in a trial."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from avrgym.commands.head_motion import GazeTimer, HeadGestures
+from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.vocabulary import LIMITED_SOURCES, CommandName, Source
+from avrgym.safety.pacing import facing_angle_rad
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol.messages import Tracking
+
+
+class HeadCommands:
+    """Converts head motion to commands: a nod to ``ready``, a shake to ``wait``.
+
+    A participant who looks at the tool while the robot waits gives ``ready``; one who looks away while it continues
+    gives ``wait``.
+    """
+
+    def __init__(self, rules: AppliedRules) -> None:
+        """Start a trial with these rules. Only their sources give commands."""
+        self._sources = rules.sources
+        self._gestures = HeadGestures(rules.thresholds) if {"nod", "shake"} & {*rules.sources} else None
+        self._gaze = GazeTimer(rules.thresholds) if "gaze" in rules.sources else None
+        self._mode = ""
+
+    def gestures(self, tracking: Tracking) -> Iterator[tuple[CommandName, Source]]:
+        """Yields the commands of gestures that end with this tracking frame, with their sources."""
+        if self._gestures is None or tracking.head is None:
+            return
+        x, y, z, w = tracking.head.orientation
+        q = np.array([[w, x, y, z]])
+        if not (np.isfinite(q).all() and np.linalg.norm(q) > 0.5):
+            return
+        for name, done in self._gestures.update(q, tracking.client_time_ms / 1000.0).items():
+            if done[0] and name in self._sources:
+                yield LIMITED_SOURCES[name][0], name
+
+    def gaze(self, world: LiveWorld) -> Iterator[tuple[CommandName, Source]]:
+        """Yields the commands of looking at the tool or away, after a control step."""
+        if self._gaze is None or world.pacing is None:
+            return
+        mode = world.pacing.mode_name(0)
+        if mode != self._mode:
+            self._gaze.facing_s[:] = self._gaze.away_s[:] = 0.0
+            self._mode = mode
+        angle_rad = facing_angle_rad(world.simulation.state())
+        self._gaze.update(angle_rad, world.scene_config.control_step_s)
+        if mode == "waiting" and self._gaze.looks()[0]:
+            yield "ready", "gaze"
+        if mode == "continuing" and self._gaze.looks_away()[0]:
+            yield "wait", "gaze"
