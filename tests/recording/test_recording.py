@@ -27,9 +27,11 @@ from avrgym.recording.schema import (
     Event,
     Latency,
     Outcome,
+    Pacing,
     Physics,
     Placement,
     Pose,
+    RobotCommand,
     Stream,
     StreamSamples,
     TrackingFrame,
@@ -57,6 +59,8 @@ RECORDS = {
     "/streams": Stream("heart", "Belt", "ECG", 130.0, ["ecg"], ["mV"]),
     "/samples": StreamSamples("heart", 0.001, [0.5, 0.51], [[-0.25], [1e-300]], [["r-peak"], ["é"]]),
     "/placement": Placement(POSE),
+    "/robot_commands": RobotCommand("slower", "key", 7, effective=True),
+    "/pacing": Pacing(8, "waiting", 0.75, 0.15, -1.0, 0.16, 0.0),
 }
 
 

@@ -1,6 +1,6 @@
 // Written by `python scripts/write_typescript.py` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 12;
+export const PROTOCOL = 13;
 
 export const STATES_PER_RECEIPT = 2;
 
@@ -15,6 +15,12 @@ export const POSE_STEPS = [0.0001, 0.0001, 0.0001, 5e-05, 5e-05, 5e-05, 5e-05];
 export const STAGE_LABELS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "simulation", "send_ms": "sending", "down_ms": "down", "draw_ms": "drawing"};
 
 export const FORCE_LIMITS_N: Readonly<Record<string, number>> = {"skull": 130.0, "face": 65.0, "neck": 150.0, "shoulders": 210.0, "chest": 140.0, "abdomen": 110.0, "pelvis": 180.0, "upper_arms": 150.0, "forearms": 160.0, "hands": 140.0, "thighs": 220.0, "lower_legs": 130.0};
+
+export type ClientSource = "button" | "dwell" | "key" | "switch";
+
+export type WatcherSource = "caregiver" | "experimenter";
+
+export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
 export type Part = "head" | "left" | "right";
 
@@ -135,6 +141,16 @@ export interface Stop {
   method: StopMethod | null;
 }
 
+/** A command of the participant to the robot, see `avrgym.commands.vocabulary`.
+ *
+ * `source`: the input that gave it. `client_time_ms`: time of the input, on the clock of the page. */
+export interface RobotCommand {
+  type: "robot_command";
+  name: RobotCommandName;
+  source: ClientSource;
+  client_time_ms: number;
+}
+
 /** The visibility of the scene has changed. After each `welcome`, the server assumes `visible`. */
 export interface VisibilityChanged {
   type: "visibility_changed";
@@ -196,7 +212,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
 
 /** A command of the experimenter.
  *
@@ -232,13 +248,21 @@ export interface Drive {
   angular: Shares;
 }
 
+/** A command of the caregiver or the experimenter to the robot, as `RobotCommand`. */
+export interface WatcherRobotCommand {
+  type: "robot_command";
+  name: RobotCommandName;
+  source: WatcherSource;
+  client_time_ms: number;
+}
+
 /** A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not. */
 export interface SceneWatched {
   type: "scene_watched";
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | WatcherRobotCommand | SceneWatched;
 
 /** The connection is accepted in a role. `haptics` and `sounds`: feedback enabled by the session plan. */
 export interface Welcome {
@@ -381,6 +405,19 @@ export interface Problem {
   messages_by_input: Record<string, string>;
 }
 
+/** The robot commands that are possible now; without `commands`, none. Sent when a field changes.
+ *
+ * `sources`: the allowed sources. `mode`: what the pacing layer does, see `avrgym.safety.pacing`; empty without
+ * the layer. `speed_factor`: factor of the policy's speed. `distance_m`: distance at which the robot waits. */
+export interface RobotCommands {
+  type: "robot_commands";
+  commands: CommandLabel[];
+  sources: "gaze" | "nod" | "shake" | ClientSource | WatcherSource[];
+  mode: string;
+  speed_factor: number;
+  distance_m: number;
+}
+
 /** Haptic and acoustic feedback for one control step.
  *
  * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the
@@ -444,4 +481,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Language | Body | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Language | Body | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing;

@@ -5,14 +5,14 @@ linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a num
 the head in alternating directions, a shake the same about its vertical axis. Thresholds are in
 ``commands.preferences.Thresholds``; ``research/head_gestures.py`` measures false alarms and misses.
 
-- Slow turns are removed: only the difference to a straight line through the window counts.
+- A turn of the head is a single swing, and looking back another one.
 - Swings about the other axes must be at most half as large: people who look about turn about several axes.
 - Faster swings than ``FASTEST_HZ`` do not count. Tremor of the head has 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
   2018).
 - Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
 """
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ DOMINANCE = 2.0
 PAUSE_S = 1.5
 """Minimum time between two gestures of a head."""
 _SAMPLES = round(WINDOW_S / SAMPLE_S)
-_MOST_SWINGS = round(2.0 * FASTEST_HZ * WINDOW_S)
 
 Gesture = Literal["nod", "shake"]
 
@@ -59,36 +58,53 @@ class HeadGestures:
         self._count += 1
         if self._count < _SAMPLES:
             return {}
-        swings, extent = swings_of(self._q, np.radians(self._thresholds.swing_deg))
+        swings = swings_of(self._q, np.radians(self._thresholds.swing_deg))
         found: dict[Gesture, BoolArray] = {}
         names: tuple[Gesture, ...] = ("nod", "shake")
         for axis, name in enumerate(names):
-            others = np.delete(extent, axis, axis=1).max(axis=-1)
-            number = swings[:, axis]
-            done = (number >= self._thresholds.swings) & (number <= _MOST_SWINGS)
-            done &= (extent[:, axis] >= DOMINANCE * others) & (time_s >= self._quiet_until_s)
+            others = np.delete(swings.extent_rad, axis, axis=1).max(axis=-1)
+            done = swings.number[:, axis] >= self._thresholds.swings
+            done &= swings.duration_s[:, axis] >= 0.5 / FASTEST_HZ
+            done &= swings.extent_rad[:, axis] >= DOMINANCE * others
+            done &= time_s >= self._quiet_until_s
             self._quiet_until_s = np.where(done, time_s + PAUSE_S, self._quiet_until_s)
             found[name] = done
         return found
 
 
-def swings_of(q: FloatArray, swing_rad: float) -> tuple[FloatArray, FloatArray]:
-    """Returns the number of swings about each axis of the head, and their root-mean-square extent in radians, (N, 3).
+class Swings(NamedTuple):
+    """Swings about the axes of N heads, (N, 3): their number, their mean duration, and the root-mean-square extent."""
+
+    number: IntArray
+    duration_s: FloatArray
+    extent_rad: FloatArray
+
+
+def swings_of(q: FloatArray, swing_rad: float) -> Swings:
+    """Returns the swings in a window: motions in one direction of at least ``swing_rad``.
 
     Args:
-        q: (N, T, 4) orientations at equal intervals.
+        q: (N, T, 4) orientations at intervals of ``SAMPLE_S``.
         swing_rad: the smallest swing that counts, peak to peak.
     """
     turned = transforms.to_rotation_vector(transforms.multiply(transforms.conjugate(q[:, :1]), q))
-    line = np.linspace(-1.0, 1.0, q.shape[1])
-    slope = (turned * line[:, None]).sum(axis=1, keepdims=True) / (line * line).sum()
-    swung = turned - turned.mean(axis=1, keepdims=True) - slope * line[:, None]
-    sign = np.where(np.abs(swung) >= 0.5 * swing_rad, np.sign(swung), 0.0)
-    rows = np.arange(q.shape[1], dtype=np.intp)[:, None]
-    latest: IntArray = np.maximum.accumulate(np.where(sign != 0.0, rows, 0), axis=1)
-    filled = np.take_along_axis(sign, latest, axis=1)
-    changes = (filled[:, 1:] * filled[:, :-1] < 0.0).sum(axis=1)
-    return changes, np.sqrt((swung * swung).mean(axis=1))
+    highest = lowest = turned[:, 0]
+    direction, number = np.zeros(highest.shape), np.zeros(highest.shape, dtype=np.intp)
+    first, last = np.zeros(highest.shape), np.zeros(highest.shape)
+    for sample in range(1, turned.shape[1]):
+        angle = turned[:, sample]
+        highest, lowest = np.maximum(highest, angle), np.minimum(lowest, angle)
+        rises = (direction <= 0.0) & (angle - lowest >= swing_rad)
+        falls = (direction >= 0.0) & (highest - angle >= swing_rad) & ~rises
+        turns = rises | falls
+        direction = np.where(rises, 1.0, np.where(falls, -1.0, direction))
+        highest, lowest = np.where(turns, angle, highest), np.where(turns, angle, lowest)
+        first = np.where(turns & (number == 0), sample, first)
+        last = np.where(turns, sample, last)
+        number = number + turns
+    duration_s = SAMPLE_S * (last - first) / np.maximum(number - 1, 1)
+    around = turned - turned.mean(axis=1, keepdims=True)
+    return Swings(number, duration_s, np.sqrt((around * around).mean(axis=1)))
 
 
 class GazeTimer:

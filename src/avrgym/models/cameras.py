@@ -27,8 +27,8 @@ MAX_DEPTH_M = 10.0
 """Maximum depth. Farther surfaces and the sky have this depth."""
 LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
-STATE = "state"
-"""In an observation with cameras: name of the entry that contains no image."""
+STATE, COMMAND = "state", "command"
+"""In an observation that is a dictionary: names of the entries that contain no image."""
 Observed = FloatArray | dict[str, NumpyArray]
 """An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 SCENE_FOVY_DEG = 45.0

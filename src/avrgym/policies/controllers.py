@@ -30,6 +30,9 @@ class Controller(Protocol):
 
     A controller may have an attribute ``cameras``, a list as in ``gym.make``. Then ``act`` receives a dictionary:
     ``state`` is the observation (O,), and each image has an entry such as ``wrist_rgb``.
+
+    A controller may have an attribute ``takes_commands = True``. Then ``act`` receives a dictionary as well. Its entry
+    ``command`` is the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
     """
 
     def reset(self, seed: int, environment: str) -> None:
@@ -53,13 +56,14 @@ class ExternalController:
     """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
     ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
-    the controller needs.
+    the controller needs. ``takes_commands``: the controller receives the participant's commands.
     """
 
     name: str
     make: Callable[[], Controller]
     plugin: UsedPlugin | None = None
     cameras: tuple[AnyCamera, ...] = ()
+    takes_commands: bool = False
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
@@ -223,7 +227,8 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
 
     first = make()
     close(first)
-    return ExternalController(name, make, plugin, tuple(getattr(first, "cameras", ())))
+    cameras, commands = getattr(first, "cameras", ()), bool(getattr(first, "takes_commands", False))
+    return ExternalController(name, make, plugin, tuple(cameras), commands)
 
 
 def controller_error(error: BaseException) -> ControllerError:

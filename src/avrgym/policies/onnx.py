@@ -1,6 +1,7 @@
 """ONNX files: use networks of other programs as controllers, and export policies. Needs the extra ``onnx``."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
+from avrgym.models.cameras import COMMAND, STATE
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError
+from avrgym.safety.pacing import COMMAND_INPUT
 from avrgym.system.files import write_atomically
 
 if TYPE_CHECKING:
@@ -22,22 +25,35 @@ DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A network without memory. Its input is the observation without normalisation; its output is the action."""
+    """A network without memory. Its input is the observation without normalisation; its output is the action.
+
+    A second input ``command`` receives the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
+    """
 
     def __init__(self, session: Any) -> None:
         """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
-        (tensor,) = session.get_inputs()
-        self._session, self._input = session, tensor.name
-        self._dtype, self._rows = DTYPES[tensor.type], len(tensor.shape) == 2
+        self._session = session
+        self._inputs = {
+            COMMAND if tensor.name == COMMAND else STATE: (
+                tensor.name,
+                DTYPES[tensor.type],
+                len(tensor.shape) == 2,
+            )
+            for tensor in session.get_inputs()
+        }
 
     def reset(self, seed: int, environment: str) -> None:
         """Does nothing: the network has no memory and no noise."""
 
-    def act(self, observation: FloatArray) -> ArrayLike:
-        """Returns the network's output (A,) for an observation (O,)."""
-        row = observation.astype(self._dtype)
-        (action,) = self._session.run(None, {self._input: row[None] if self._rows else row})
-        return action[0] if self._rows else action
+    def act(self, observation: FloatArray | Mapping[str, FloatArray]) -> ArrayLike:
+        """Returns the network's output (A,) for an observation (O,), or for a dictionary with ``command``."""
+        given = observation if isinstance(observation, Mapping) else {STATE: observation}
+        feed = {
+            name: (given[entry][None] if rows else given[entry]).astype(dtype)
+            for entry, (name, dtype, rows) in self._inputs.items()
+        }
+        (action,) = self._session.run(None, feed)
+        return action[0] if self._inputs[STATE][2] else action
 
 
 def find_onnx(
@@ -59,12 +75,15 @@ def find_onnx(
         session = onnxruntime.InferenceSession(os.fspath(path), options, ["CPUExecutionProvider"])
     except Exception as error:  # the runtime's exceptions have no other common base
         raise PolicyError(f"{path}: not a readable .onnx file ({' '.join(str(error).split())})") from error
+    inputs = list(session.get_inputs())
+    commands = [tensor for tensor in inputs if tensor.name == COMMAND]
     for kind, tensors, size in (
-        ("input", session.get_inputs(), observation_size),
-        ("output", session.get_outputs(), action_size),
+        ("input", [tensor for tensor in inputs if tensor not in commands], observation_size),
+        ("output", list(session.get_outputs()), action_size),
+        *([(COMMAND, commands, len(COMMAND_INPUT))] if commands else []),
     ):
-        _check(path, environment_id, kind, list(tensors), size)
-    return ExternalController(os.fspath(path), lambda: OnnxController(session))
+        _check(path, environment_id, kind, tensors, size)
+    return ExternalController(os.fspath(path), lambda: OnnxController(session), takes_commands=bool(commands))
 
 
 def _check(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, Observed, as_cameras
+from avrgym.models.cameras import COMMAND, STATE, AnyCamera, CameraSpec, Observed, as_cameras
 from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
@@ -225,8 +225,8 @@ def prepare(policy: AnyPolicy, world: Episodes) -> None:
 
 
 def observed(policy: ExternalController, world: Episodes, observations: FloatArray) -> list[Observed]:
-    """Returns the observation (O,) of each world's controller. For a controller with cameras, it is a dictionary with
-    images.
+    """Returns the observation (O,) of each world's controller. For a controller with cameras or commands, it is a
+    dictionary with images and the entry ``command``.
 
     Args:
         policy: the controller.
@@ -234,9 +234,11 @@ def observed(policy: ExternalController, world: Episodes, observations: FloatArr
         observations: (N, O).
     """
     cameras = cameras_of(policy, world.environment_id)
-    if not cameras:
+    if not cameras and not policy.takes_commands:
         return [*observations]
-    images = world.images(cameras)
+    images = world.images(cameras) if cameras else {}
+    if policy.takes_commands:
+        images = {**images, COMMAND: world.loop.command_input()}
     return [
         {STATE: row, **{name: image[number] for name, image in images.items()}}
         for number, row in enumerate(observations)

@@ -12,6 +12,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import (
+    DEFAULT_PREFERENCES,
     DISTANCE_STEP_M,
     FARTHEST_M,
     FASTEST,
@@ -45,6 +46,8 @@ COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", 
 """Entries of the input ``command`` of controllers: 1 for the latest command, the time since it (up to 60 s), the speed
 factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1 while the robot waits."""
 MAX_AGE_S = 60.0
+NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0])
+"""The input ``command`` without a command."""
 _PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": ("cranium", "jaw"),
     "arm": ("right_upper_arm", "right_forearm", "right_hand"),

@@ -12,7 +12,7 @@ from avrgym.commands.preferences import AppliedRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.scene import SUBSTEPS
 from avrgym.safety.force_guard import GUARD_SHARE, ForceGuard
-from avrgym.safety.pacing import Pacing
+from avrgym.safety.pacing import NO_COMMAND, Pacing
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.safety.withdrawal import Withdrawal
 
@@ -158,6 +158,12 @@ class ControlLoop:
             effective = effective | (worlds & self.withdrawal.driving)
             self.withdrawal.interrupt(worlds)
         return effective
+
+    def command_input(self) -> FloatArray:
+        """Returns the input ``command`` (N, C) of controllers, see ``safety.pacing.COMMAND_INPUT``."""
+        if self.pacing is None:
+            return np.tile(NO_COMMAND, (self._simulation.num_worlds, 1))
+        return self.pacing.command_input()
 
     def _paced(self, actions: FloatArray) -> FloatArray:
         """Returns actions (N, J), changed by the pacing layer. Call it once per control step."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
+from avrgym.commands.preferences import AppliedRules
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models import robot as robot_model
@@ -69,6 +70,7 @@ class Episodes:
         on_device: bool = False,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
+        rules: AppliedRules | None = None,
         settings: Settings = DEFAULTS,
     ) -> None:
         """Compile the scene.
@@ -90,6 +92,7 @@ class Episodes:
             withdraw_after_success: whether the robot withdraws its tool after success in tasks that end with success,
                 see ``safety.withdrawal``. Steps that the withdrawal drives have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
+            rules: commands and preferences of the people, see ``safety.pacing``; ``None``: no pacing layer.
             settings: changes of scene and control.
 
         Raises:
@@ -100,6 +103,8 @@ class Episodes:
             raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
         if force_guard and on_device:
             raise ValueError(f"force_guard reads forces on the host; with {engine} it needs on_device=False")
+        if rules is not None and engine != THREADS:
+            raise ValueError(f"rules need the engine {THREADS}, not {engine}")
         self._made_with = {
             "people": people,
             "person": person,
@@ -112,6 +117,7 @@ class Episodes:
             "on_device": on_device,
             "withdraw_after_success": withdraw_after_success,
             "force_guard": force_guard,
+            "rules": rules,
             "settings": settings,
         }
         self.environment_id = environment_id
@@ -172,7 +178,9 @@ class Episodes:
         self.start_draws = np.zeros(num_worlds, dtype=int)
         """Number of samples (N,) until the present episodes had a valid initial state."""
         self._images: CameraImages | None = None
-        self.loop = ControlLoop(self, force_guard=force_guard, withdraw_after_success=withdraw_after_success)
+        self.loop = ControlLoop(
+            self, force_guard=force_guard, withdraw_after_success=withdraw_after_success, rules=rules
+        )
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import msgspec
 
 from avrgym.system.files import read_user_text
 from avrgym.system.toml_lines import Place, line_of
+from avrgym.system.type_guards import is_table
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
@@ -111,10 +112,25 @@ def parse_toml(
         check(found)
     except msgspec.ValidationError as error:
         place, message = _explain(error, {(): kind, **tables})
-        raise DesignError(f"{name}:{line_of(text, place)}: {message}") from None
+        raise DesignError(f"{name}:{line_of(text, _with_keys(values, place))}: {message}") from None
     except ValidationError as error:
         raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
     return found
+
+
+def _with_keys(values: Any, place: Place) -> Place:
+    """The path with the keys of mappings, which msgspec leaves out: each is the first one that has the next key."""
+    found: list[str | int] = []
+    for key in place:
+        if is_table(values) and key not in values:
+            name = next((each for each in values if is_table(values[each]) and key in values[each]), "")
+            if not name:
+                return place
+            found.append(name)
+            values = values[name]
+        found.append(key)
+        values = values[key]
+    return tuple(found)
 
 
 def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:

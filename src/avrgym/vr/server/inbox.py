@@ -83,6 +83,8 @@ def holds_robot(message: object) -> bool:
 
 def is_stop(message: object) -> bool:
     """Whether a message is an emergency stop."""
+    if isinstance(message, messages.RobotCommand | messages.WatcherRobotCommand):
+        return message.name == "stop"
     return isinstance(message, messages.Stop) or message == _STOP
 
 

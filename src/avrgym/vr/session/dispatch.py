@@ -1,9 +1,15 @@
 """Calls a phase's method for each message; the server checks which client may send it."""
 
+from collections.abc import Mapping
+
+from avrgym.commands.vocabulary import WATCHER_SOURCES, Source
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import CommandName, Disconnected, Received
+from avrgym.vr.protocol.messages import CommandName, Disconnected, Received, StopMethod
 from avrgym.vr.session.interruptions import lost_visibility
 from avrgym.vr.session.phases import Phase
+
+STOP_METHODS: Mapping[Source, StopMethod] = {"key": "key", "button": "button"}
+"""Stop method of a command ``stop``, by its source."""
 
 
 def take_message(phase: Phase, message: Received) -> Phase:
@@ -39,7 +45,9 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Stop():
             return phase.stop("participant", message.method)
         case messages.RobotCommand() | messages.WatcherRobotCommand():
-            return phase.command_robot(message.name, message.source)
+            if message.name == "stop":
+                return stop_by_command(phase, message.source)
+            phase.command_robot(message.name, message.source)
         case messages.ChooseParticipantBody():
             return phase.choose_body(message, "experimenter")
         case messages.ChooseBody():
@@ -57,6 +65,14 @@ def take_message(phase: Phase, message: Received) -> Phase:
                 f"a message of type {type(message).__name__} has no place in a running session"
             )
     return phase
+
+
+def stop_by_command(phase: Phase, source: Source) -> Phase:
+    """Pass the command ``stop`` to a phase. It is the emergency stop, also from sources that a trial does not allow."""
+    if phase.can_be_stopped:
+        phase.state.record_command("stop", source, effective=True)
+    by = "experimenter" if source in WATCHER_SOURCES else "participant"
+    return phase.stop(by, STOP_METHODS.get(source))
 
 
 def execute_command(phase: Phase, command: CommandName) -> Phase:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar, Self
 
-from avrgym.commands.vocabulary import WATCHER_SOURCES, CommandName, Source
+from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.live_world.drivers import Driver
@@ -14,9 +13,6 @@ from avrgym.vr.protocol.messages import PhaseName, StopMethod
 from avrgym.vr.session import events
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.state import SessionState
-
-STOP_METHODS: Mapping[str, StopMethod] = {"key": "key", "button": "button"}
-"""Stop method of a command ``stop``, by its source."""
 
 
 class Phase:
@@ -97,13 +93,9 @@ class Phase:
         """The participant wants to change an earlier answer."""
         return self._refuse("no_way_back")
 
-    def command_robot(self, command: CommandName, source: Source) -> Phase:
-        """A command to the robot. ``stop`` is the emergency stop, from every source."""
-        if command != "stop":
-            self.state.ignore_command(command, source, "no trial runs")
-            return self
-        by: events.Initiator = "experimenter" if source in WATCHER_SOURCES else "participant"
-        return self.stop(by, STOP_METHODS.get(source))
+    def command_robot(self, command: CommandName, source: Source) -> None:
+        """A command to the robot, except ``stop``."""
+        self.state.ignore_command(command, source, "no trial runs")
 
     # Messages of participant or experimenter ------------------------------------------------------------------------
 

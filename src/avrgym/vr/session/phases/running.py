@@ -12,7 +12,6 @@ from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases import Phase
 from avrgym.vr.session.phases.kinds import RobotFinished, Stoppable
 from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
@@ -66,13 +65,8 @@ class Trial(Stoppable):
         else:
             self.driver.take_command(wish, self.state.now_s)
 
-    def command_robot(self, command: CommandName, source: Source) -> Phase:
-        if command == "stop":
-            self.state.world.take_command(command)
-            self.state.record_command(command, source, effective=True)
-            return super().command_robot(command, source)
+    def command_robot(self, command: CommandName, source: Source) -> None:
         self.state.take_command(command, source)
-        return self
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
         super().take_tracking(tracking)

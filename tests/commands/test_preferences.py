@@ -1,0 +1,109 @@
+"""Conditions and preferences that make no sense are refused, and each command has texts in both languages."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences, in_words
+from avrgym.commands.vocabulary import COMMAND_NAMES, COMMANDS, SOURCES, commands_of
+from avrgym.study.design.design import DesignError, default_text, parse_design
+
+ALL = {"policy": "revised", "commands": COMMAND_NAMES, "sources": SOURCES}
+PACED = """
+[conditions.paced]
+policy = "revised"
+commands = ["ready", "wait", "stop"]
+sources = ["key", "nod"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "own", "message"),
+    [
+        ({"commands": ("ready", "wait")}, None, "commands without stop"),
+        ({"sources": ()}, None, "commands without a source"),
+        ({"commands": (), "sources": ("key",)}, None, "sources without commands"),
+        ({"sources": ("shake",)}, None, "waits for ready, but no source gives it"),
+        ({"commands": ("wait", "stop")}, None, "waits for ready"),
+        ({}, Preferences(commands=("ready", "wait")), "commands without stop"),
+        ({"sources": ("key",)}, Preferences(sources=("nod",)), "allowed in this condition: key"),
+        ({}, Preferences(sources=()), "commands without a source"),
+        ({}, Preferences(sources=("shake",)), "no source gives it"),
+    ],
+)
+def test_contradictions_are_refused(changes: dict, own: Preferences | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        apply_preferences(CommandRules(**(ALL | changes), preferences=True), own)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("force_share", 0.6), ("speed", 2.0), ("distance_m", 0.0), ("side", "behind"), ("bite_timing", "never"),
+     ("commands", ["jump"]), ("sources", ["telepathy"]), ("force", 1)],
+)  # fmt: skip
+def test_impossible_preferences_are_refused(field: str, value: object) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({field: value}, Preferences)
+
+
+def test_preferences_apply_only_where_the_condition_says_so() -> None:
+    own = Preferences(speed=0.5, sources=("key",))
+    for preferences, speed in ((True, 0.5), (False, 1.0)):
+        applied = apply_preferences(CommandRules(**ALL, preferences=preferences), own)
+        assert applied.preferences.speed == speed
+    assert not CommandRules(policy="revised").layered
+
+
+def test_rules_name_the_reason_of_a_refusal() -> None:
+    applied = apply_preferences(
+        CommandRules(policy="revised", commands=("ready", "stop"), sources=("key", "nod")), None
+    )
+    assert applied.refusal("ready", "key") == applied.refusal("ready", "nod") == ""
+    assert "not a source" in applied.refusal("ready", "switch")
+    assert "not a command of this trial" in applied.refusal("faster", "key")
+    assert "nod cannot give stop" in applied.refusal("stop", "nod")
+
+
+def test_every_command_has_texts_and_every_source_commands() -> None:
+    assert tuple(COMMANDS) == COMMAND_NAMES
+    for command in COMMANDS.values():
+        assert command.meaning
+        assert command.label("de-AT") == command.labels["de"]
+        assert command.label("fr") == command.labels["en"]
+    assert all(commands_of(source) for source in SOURCES)
+
+
+def test_preferences_are_shown_in_words() -> None:
+    own = Preferences(speed=0.5, distance_m=0.2, side="left", commands=("ready", "stop"))
+    assert in_words(own) == (
+        "The robot moves at 50% of its usual speed. It waits 20 cm away from you, on your left. It continues when you "
+        "tell it that you are ready. It pulls back when it presses on you with 50% of the standard's force limit. Your "
+        "commands: Ready, Stop."
+    )
+    assert "links von Ihnen" in in_words(own, "de")
+
+
+def test_a_design_names_conditions_with_their_policy() -> None:
+    text = default_text().replace('policies = ["original", "revised"]', 'policies = ["revised", "paced"]')
+    design = parse_design(text + PACED)
+    assert design.policy_of("paced") == "revised"
+    assert design.protocol()["conditions"]["paced"]["sources"] == ["key", "nod"]
+    assert "conditions" not in parse_design(default_text()).protocol()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"stop"]', '"wait"]', "twice"),
+        (', "stop"]', "]", "commands without stop"),
+        ('"nod"]', '"telepathy"]', "telepathy"),
+        ("[conditions.paced]", "[conditions.other]", "unknown name 'other'"),
+        ("sources =", "inputs =", "unknown name 'inputs'"),
+        ('policy = "revised"', 'policy = "paced"', "is a condition"),
+    ],
+)
+def test_wrong_conditions_name_their_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+    text = default_text().replace('policies = ["original", "revised"]', 'policies = ["revised", "paced"]')
+    with pytest.raises(DesignError, match=rf"study.toml:\d+: .*{message}"):
+        parse_design(text + PACED.replace(old, new), folder=tmp_path)

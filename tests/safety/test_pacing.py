@@ -1,0 +1,184 @@
+"""Laws of the pacing layer: never faster than the scaled policy, stop always wins, a waiting robot does not move."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym.array_types import FloatArray
+from avrgym.commands.preferences import (
+    FASTEST,
+    SLOWEST,
+    AppliedRules,
+    BiteTiming,
+    CommandRules,
+    Preferences,
+    apply_preferences,
+)
+from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName
+from avrgym.policies import registry
+from avrgym.safety.pacing import COMMAND_INPUT, CONTINUING, MODES, TOLERANCE_M, Pacing
+from avrgym.safety.retreat import SPEED_M_S
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
+
+FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
+SEEDS = (0, 3)
+POLICIES = ("revised", "adaptive", "oracle", "random")
+"""A policy of each packaged kind: feedforward, recurrent, expert, random."""
+SETTLING_STEPS = 6
+"""Control steps within which an arm goes from the policy's speed to that of the layer."""
+
+
+def rules(*, commands: tuple[CommandName, ...] = COMMAND_NAMES, **preferences) -> AppliedRules:
+    condition = CommandRules(policy="revised", commands=commands, sources=("key",) if commands else ())
+    return apply_preferences(
+        CommandRules(**{name: getattr(condition, name) for name in ("policy", "commands", "sources")},
+                     defaults=Preferences(**preferences)), None,
+    )  # fmt: skip
+
+
+def paced(applied: AppliedRules, environment: str = FEEDING) -> tuple[Episodes, Pacing]:
+    episodes = Episodes(environment, len(SEEDS), people="revised", num_threads=1, rules=applied)
+    episodes.reset(np.arange(len(SEEDS)), generators())
+    assert episodes.loop.pacing is not None
+    return episodes, episodes.loop.pacing
+
+
+def generators() -> list[np.random.Generator]:
+    return [np.random.default_rng(seed) for seed in SEEDS]
+
+
+def drive(
+    episodes: Episodes, policy: str, steps: int, script: dict[int, CommandName]
+) -> list[tuple[FloatArray, Step, FloatArray, FloatArray]]:
+    """Take control steps. Returns for each one the policy's actions, the step, modes and speed factors."""
+    pacing = episodes.loop.pacing
+    assert pacing is not None
+    found = list[tuple[FloatArray, Step, FloatArray, FloatArray]]()
+    environment = episodes.environment_id
+    with registry.running(registry.find(policy, environment), episodes, generators()) as act:
+        for number in range(steps):
+            if number in script:
+                episodes.loop.take_command(script[number])
+            actions = act(episodes.observe()).astype(float)
+            step = episodes.step(actions)
+            found.append((actions, step, pacing.mode.copy(), pacing.speed_factor.copy()))
+    return found
+
+
+def test_the_layer_only_scales_the_actions_of_the_policy(rng: np.random.Generator) -> None:
+    _, pacing = paced(rules())
+    for factor in np.linspace(SLOWEST, FASTEST, 9):
+        pacing.mode[:], pacing.speed_factor[:] = CONTINUING, factor
+        actions = rng.normal(0.0, 1.5, (2, 7))
+        executed = pacing.apply(actions)
+        assert (np.abs(executed) <= np.minimum(1.0, factor * np.abs(np.clip(actions, -1, 1)))).all()
+        assert (executed * actions >= 0.0).all()
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_no_controller_moves_faster_than_scaled(policy: str) -> None:
+    """Law: the executed action is the scaled one, or the tool moves with the speed of a retreat, or not at all."""
+    episodes, _ = paced(rules())
+    script: dict[int, CommandName] = {2: "slower", 18: "faster", 22: "ready", 32: "wait"}
+    since = np.zeros(2)
+    before = np.full(2, -1)
+    for actions, step, mode, factor in drive(episodes, policy, 48, script):
+        since = np.where(mode == before, since + 1, 0)
+        before = mode
+        for world in range(2):
+            name = MODES[mode[world]]
+            if name in ("approaching", "continuing"):
+                scaled = np.clip(factor[world] * np.clip(actions[world], -1, 1), -1, 1)
+                assert_array_equal(step.executed_action[world], scaled)
+            elif since[world] >= SETTLING_STEPS:
+                limit = SPEED_M_S + 0.02 if name == "backing_off" else 0.01
+                assert step.tool_speed_m_s[world] < limit, name
+
+
+@pytest.mark.parametrize("environment", [FEEDING, SCRATCHING])
+def test_a_robot_waits_for_ready_at_its_distance(environment: str) -> None:
+    episodes, pacing = paced(rules(distance_m=0.12), environment)
+    drive(episodes, "revised", 45, {})
+    assert pacing.waiting.all()
+    assert (np.abs(pacing.gap_m - 0.12) < TOLERANCE_M + 0.02).all()
+    (first, *_) = drive(episodes, "revised", 12, {0: "ready"})
+    assert (first[1].executed_action != 0.0).any(axis=-1).all()
+    assert (pacing.gap_m < 0.10).all()
+
+
+def test_stop_wins_over_every_later_command() -> None:
+    episodes, _ = paced(rules())
+    script: dict[int, CommandName] = {6: "stop", **{7 + i: name for i, name in enumerate(COMMAND_NAMES)}}
+    steps = drive(episodes, "random", 24, script)
+    assert all((step.executed_action == 0.0).all() for _, step, _, _ in steps[6:])
+    assert (steps[-1][1].tool_speed_m_s < 0.01).all()
+    assert {MODES[mode] for _, _, modes, _ in steps[6:] for mode in modes} == {"stopped"}
+
+
+def test_wait_backs_off_and_other_side_changes_the_side() -> None:
+    episodes, pacing = paced(rules())
+    drive(episodes, "revised", 80, {5: "ready", 30: "wait"})
+    assert pacing.waiting.all()
+    assert (pacing.gap_m > 0.14).all()
+    state = episodes.state()
+    before = np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0])
+    drive(episodes, "revised", 60, {0: "other_side"})
+    state = episodes.state()
+    assert pacing.waiting.all()
+    assert_array_equal(np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0]), -before)
+
+
+@pytest.mark.parametrize("timing", ["after_swallowing", "with_company"])
+def test_robots_can_continue_without_a_command(timing: BiteTiming) -> None:
+    episodes, _ = paced(rules(commands=(), bite_timing=timing, pause_s=1.0))
+    modes = np.array([mode for _, _, mode, _ in drive(episodes, "revised", 70, {})])
+    waiting = (modes == MODES.index("waiting")).sum(axis=0)
+    assert (waiting >= 10).all()
+    assert (modes[-1] == CONTINUING).any()
+
+
+def test_preferences_without_waiting_change_no_bit() -> None:
+    """Law: with speed 1 and no reason to wait, the clipped actions are executed."""
+    plain = Episodes(FEEDING, len(SEEDS), people="revised", num_threads=1)
+    plain.reset(np.arange(len(SEEDS)), generators())
+    episodes, _ = paced(rules(commands=(), side="left"))
+    with registry.running(registry.find("revised", FEEDING), plain, generators()) as act:
+        for _, step, _, _ in drive(episodes, "revised", 20, {}):
+            other = plain.step(np.clip(act(plain.observe()).astype(float), -1, 1))
+            assert_array_equal(step.observation, other.observation)
+
+
+def test_a_copy_continues_with_the_same_bits() -> None:
+    episodes, _ = paced(rules())
+    drive(episodes, "revised", 24, {3: "ready", 18: "wait"})
+    copied = deepcopy(episodes)
+    for _ in range(4):
+        one, other = (each.step(np.full((2, 7), 0.3)) for each in (episodes, copied))
+        assert_array_equal(one.observation, other.observation)
+
+
+def test_again_ends_a_withdrawal() -> None:
+    episodes = Episodes(
+        FEEDING, 2, people="revised", num_threads=1, withdraw_after_success=True, rules=rules()
+    )
+    episodes.reset(np.arange(2), generators())
+    drive(episodes, "revised", 60, {2: "ready"})
+    assert episodes.loop.withdrawing.any()
+    effective = episodes.loop.take_command("again")
+    assert effective[episodes.loop.withdrawing | effective].all()
+    assert not episodes.loop.withdrawing.any()
+    drive(episodes, "revised", 5, {})
+    assert not episodes.loop.withdrawing.any()
+
+
+def test_controllers_receive_the_latest_command() -> None:
+    episodes, pacing = paced(rules())
+    pacing.take("slower", np.array([True, False]))
+    episodes.step(np.zeros((2, 7)))
+    seen = [dict(zip(COMMAND_INPUT, row, strict=True)) for row in episodes.loop.command_input()]
+    assert (seen[0]["slower"], seen[1]["slower"]) == (1.0, 0.0)
+    assert (seen[0]["speed_factor"], seen[1]["speed_factor"]) == (0.75, 1.0)
+    assert seen[0]["age_s"] < 0.2 < seen[1]["age_s"]

@@ -1,0 +1,112 @@
+"""A participant commands the robot in a session: commands are executed, recorded and replayed; others are ignored."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from avrgym.commands.preferences import CommandRules, apply_preferences
+from avrgym.commands.vocabulary import CommandName
+from avrgym.replay.verification import verify
+from avrgym.vr.emulation.simulated_commands import GESTURE_S
+from avrgym.vr.protocol.messages import (
+    RobotCommand,
+    RobotCommands,
+    WatcherRobotCommand,
+    decode_client,
+    encode,
+)
+from avrgym.vr.server.inbox import is_stop
+from avrgym.vr.session import events as session_events
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from helpers.vr.visit import ENVIRONMENT, Visit, events, plan, result
+
+STEPS = 40
+COMMANDS: tuple[CommandName, ...] = ("ready", "wait", "slower", "stop")
+
+
+def paced_session() -> SessionPlan:
+    condition = CommandRules(
+        policy="revised", commands=COMMANDS, sources=("key", "nod", "shake", "caregiver")
+    )
+    trial = TrialPlan(ENVIRONMENT, "revised", 3, practice=False, rules=apply_preferences(condition, None))
+    return replace(plan(trial_steps=STEPS), trials=[trial])
+
+
+def visit_at_waiting_pose(folder: Path) -> Visit:
+    session = paced_session()
+    visit = Visit(folder, session, load_policies(session))
+    visit.calibrate()
+    visit.run_until("trial")
+    visit.tick()
+    while visit.received(RobotCommands)[-1].mode != "waiting":
+        visit.tick()
+    return visit
+
+
+def press(visit: Visit, name: CommandName) -> None:
+    visit.send(RobotCommand(name, "key", 1000.0 * visit.now_s))
+    visit.tick(10)
+
+
+@pytest.mark.slow
+def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
+    visit = visit_at_waiting_pose(tmp_path)
+    offered = visit.received(RobotCommands)[-1]
+    assert [(each.name, each.label) for each in offered.commands][:2] == [
+        ("ready", "Ready"),
+        ("wait", "Wait"),
+    ]
+    press(visit, "slower")
+    press(visit, "faster")
+    visit.send(RobotCommand("ready", "switch", 0.0))
+    visit.send(WatcherRobotCommand("ready", "caregiver", 0.0))
+    visit.tick(20)
+    assert visit.received(RobotCommands)[-1].mode == "continuing"
+    visit.participant.begin_gesture("shake", visit.now_s)
+    visit.tick(round(100 * GESTURE_S) + 20)
+    assert visit.received(RobotCommands)[-1].mode == "backing_off"
+    visit.run_until("questionnaire")
+    assert visit.received(RobotCommands)[-1].commands == []
+    press(visit, "ready")
+    visit.answer(1, 2, 3, 4)
+    visit.leave()
+    (recording,) = visit.recordings()
+    records = [record for _, record in recording.topics["/robot_commands"]]
+    assert [(each.name, each.source, each.effective, bool(each.refusal)) for each in records] == [
+        ("slower", "key", True, False),
+        ("faster", "key", False, True),
+        ("ready", "switch", False, True),
+        ("ready", "caregiver", True, False),
+        ("wait", "shake", True, False),
+        ("ready", "key", False, True),
+    ]
+    assert events(recording).count("command_ignored") == 3
+    ignored = [each for each in visit.observed if isinstance(each, session_events.CommandIgnored)]
+    assert [each.reason for each in ignored][-1] == "no trial runs"
+    pacing = [record for _, record in recording.topics["/pacing"]]
+    assert [record.step for record in pacing] == list(range(1, STEPS + 1))
+    assert pacing[-1].speed_factor == 0.75
+    assert recording.configuration.rules == visit.session.plan.trials[0].rules
+    found = verify(recording)
+    assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
+
+
+def test_the_command_stop_is_the_emergency_stop_from_every_source(tmp_path: Path) -> None:
+    visit = visit_at_waiting_pose(tmp_path)
+    visit.send(RobotCommand("stop", "switch", 0.0))
+    assert visit.phase == "paused"
+    visit.leave()
+    (recording,) = visit.recordings()
+    assert result(recording) == "stopped"
+    assert [record.name for _, record in recording.topics["/robot_commands"]] == ["stop"]
+    assert is_stop(RobotCommand("stop", "switch", 0.0))
+    assert not is_stop(RobotCommand("ready", "switch", 0.0))
+
+
+@pytest.mark.parametrize("change", [{"name": "jump"}, {"source": "nod"}, {"source": "experimenter"}])
+def test_unknown_commands_and_sources_of_others_are_refused(change: dict[str, str]) -> None:
+    sent = msgspec.msgpack.decode(encode(RobotCommand("ready", "key", 0.0)))
+    with pytest.raises(msgspec.DecodeError, match="Invalid enum value"):
+        decode_client(msgspec.msgpack.encode(sent | change))
