@@ -10,6 +10,7 @@ from avrgym.analysis.answers.scores import scores_section
 from avrgym.analysis.answers.section import answers_section
 from avrgym.analysis.biomechanics.section import biomechanics_section
 from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
+from avrgym.analysis.commands import COMMANDS_METHOD, commands_section
 from avrgym.analysis.designs import (
     DIFFERENCES_TITLE,
     describe_by_design,
@@ -150,6 +151,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         answers_section(design, analysis.subjective, analysis.session_answers, simulated, own, tests),
         scores_section(design, observed.scores, analysis.score_summaries, simulated, tests),
         models_section(analysis.models, simulated),
+        commands_section(design, observed.trials, observed.commands, simulated),
         biomechanics_section(analysis.biomechanics, analysis.ranges, simulated, own, tests),
         other_tests(tests),
         sites_section(
@@ -293,10 +295,11 @@ def _methods(analysis: Analysis) -> Markup:
         "docs/reference/analysis.md in AVR Gym's repository describes the tables and how to recompute numbers. "
         "reporting/index.html contains text, tables and a checklist for a publication."
     )
+    commands = (COMMANDS_METHOD,) if analysis.observed.commands else ()
     return tag(
         "section",
         tag("h2", "Methods"),
-        bullet_list((*METHODS, *MODELS_METHOD, REPEATS_METHOD, LATENCY_METHOD)),
+        bullet_list((*METHODS, *MODELS_METHOD, *commands, REPEATS_METHOD, LATENCY_METHOD)),
         headset_section(analysis.headsets),
         tag("p", more),
         id="methods",

@@ -44,6 +44,7 @@ from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outc
 from avrgym.analysis.outcomes.paper_tables import file_tables, paper_tables
 from avrgym.analysis.plan import FrozenPlan, label_by_plan, plan_results, read_frozen_plan
 from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.reading.commands import CommandRow
 from avrgym.analysis.reading.rows import (
     AnswerRow,
     AttemptRow,
@@ -140,6 +141,8 @@ class Analysis:
         yield Table.of("reward_terms", TermRow, seen.terms)
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
+        if seen.commands:
+            yield Table.of("commands", CommandRow, seen.commands)
         if self.functioning:
             yield Table("functioning", TABLES["functioning"], self.functioning)
         yield Table("adverse_events", TABLES["adverse_events"], self.adverse_events)

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import asdict
 
 from avrgym.analysis.reading.answers import ParticipantAnswers
+from avrgym.analysis.reading.commands import CommandRow, command_row
 from avrgym.analysis.reading.rows import (
     AnswerRow,
     AttemptRow,
@@ -55,6 +56,7 @@ class StudyData:
     scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
     terms: list[TermRow] = field(default_factory=list[TermRow])
     streams: list[StreamRow] = field(default_factory=list[StreamRow])
+    commands: list[CommandRow] = field(default_factory=list[CommandRow])
     problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
     series: dict[TrialKey, TrialSeries] = field(default_factory=dict[TrialKey, TrialSeries])
     latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
@@ -239,6 +241,9 @@ def _add_measures(
         found.latencies[row.participant, row.position] = told
     row = replace(row, guard_interventions=guard_interventions(recording))
     found.streams.extend(_streams(row, recording))
+    commands = command_row(recording, row, recording.configuration.settings.control_step_s)
+    if commands is not None:
+        found.commands.append(commands)
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
             f"has a total reward of {row.reward_recorded}, the database {row.reward}", "the database is used"

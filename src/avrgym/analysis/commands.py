@@ -1,0 +1,86 @@
+"""Report section about participants' commands to the robot: conditions, commands, waiting time and agreement."""
+
+from collections.abc import Sequence
+from statistics import fmean
+
+from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, number_text, table, tag
+from avrgym.analysis.reading.commands import CommandRow
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.commands.preferences import CommandRules, in_words
+from avrgym.study.design.design import Design
+
+COMMANDS_METHOD = (
+    "Commands: an ignored command is not allowed in its condition, or no trial ran. Waiting time: time at the waiting "
+    "pose. Agreement: share of the executed commands after which the robot did what they mean within 1.5 s: the tool "
+    "comes nearer by 1 cm or is nearer than 5 cm (ready, again, closer), does not come nearer (wait, farther, other "
+    "side, stop), or the speed factor changes (slower, faster)."
+)
+
+
+def commands_section(
+    design: Design, trials: Sequence[TrialRow], commands: Sequence[CommandRow], simulated: bool
+) -> Markup:
+    """Returns the report section; empty if the design has no conditions with commands."""
+    counted = [row for row in trials if row.simulated is simulated and row.counted]
+    if not design.conditions or not counted:
+        return Markup()
+    described = [f"{name}: {describe_condition(rules)}" for name, rules in design.conditions.items()]
+    own = {(row.participant, row.position): row for row in commands if row.simulated is simulated}
+    groups = dict.fromkeys((row.task, row.robot, row.policy) for row in counted)
+    body = [
+        _cells(key, [row for row in counted if (row.task, row.robot, row.policy) == key], own)
+        for key in groups
+    ]
+    heads = (
+        "Task", "Robot", "Condition", "Trials", "Success", "Force, mean / N", "Force, peak / N", "Waiting / s",
+        "Commands per trial", "ignored", "Agreement", "Speed factor",
+    )  # fmt: skip
+    return tag(
+        "section",
+        tag("h3", "Commands to the robot"),
+        bullet_list(described),
+        table(
+            group_caption("Means over trials by condition", simulated),
+            heads,
+            body,
+            numbers=range(3, len(heads)),
+        ),
+    )
+
+
+def describe_condition(rules: CommandRules) -> str:
+    """Returns a condition in words."""
+    words = [f"policy {rules.policy}"]
+    if rules.commands:
+        words.append(f"commands {', '.join(rules.commands)} by {', '.join(rules.sources)}")
+        words.append("executed by the pacing layer" if rules.pacing else "executed by the controller")
+    else:
+        words.append("without commands")
+    if rules.preferences:
+        words.append("with the participants' own preferences")
+    described = f"{'; '.join(words)}."
+    return f"{described} {in_words(rules.defaults)}" if rules.layered else described
+
+
+def _cells(
+    key: tuple[str, str, str], trials: list[TrialRow], commands: dict[tuple[str, int], CommandRow]
+) -> tuple[object, ...]:
+    own = [commands[place] for row in trials if (place := (row.participant, row.position)) in commands]
+    agreed = [row.agreement_share for row in own if row.agreement_share is not None]
+    return (
+        *key,
+        len(trials),
+        f"{100 * fmean(bool(row.success) for row in trials):.0f} %",
+        _mean([row.force_mean_n for row in trials]),
+        _mean([row.force_peak_n for row in trials]),
+        _mean([row.waiting_s for row in own]),
+        _mean([row.commands for row in own]),
+        _mean([row.ignored for row in own]),
+        f"{100 * fmean(agreed):.0f} %" if agreed else "–",
+        _mean([row.speed_factor for row in own]),
+    )
+
+
+def _mean(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return number_text(fmean(known) if known else None, absent="–")

@@ -1,0 +1,105 @@
+"""Commands to the robot in each trial: number, waiting time, and agreement with what the robot did."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from avrgym.analysis.columns import FROM_0, SHARE, PolicyName, Position, RobotName, TaskName
+from avrgym.analysis.reading.rows import ParticipantColumns, TrialRow
+from avrgym.commands.vocabulary import COMMAND_NAMES
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Pacing, RobotCommand
+from avrgym.system.columns import Column
+
+AGREEMENT_STEPS = 15
+"""The robot's reaction is measured for this number of control steps after a command."""
+MOVED_M = 0.01
+"""A smaller change of the distance counts as none."""
+NEAR_M = 0.05
+"""A robot that is nearer than this cannot come much nearer."""
+_AVERAGE = "no command was given"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandRow(ParticipantColumns):
+    """The commands in one completed trial, in which a participant could command the robot or had preferences."""
+
+    position: Position
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    counted: Annotated[bool, Column("Whether it is in the analyses.")]
+    commands: Annotated[int, Column("Number of executed commands.", allowed=FROM_0)]
+    ignored: Annotated[int, Column("Number of ignored commands.", allowed=FROM_0)]
+    names: Annotated[
+        str,
+        Column("Number of executed commands by name.", allowed=f"NAME=NUMBER of {', '.join(COMMAND_NAMES)}"),
+    ]
+    sources: Annotated[str, Column("Number of executed commands by source.", allowed="SOURCE=NUMBER")]
+    waiting_s: Annotated[
+        float, Column("Time for which the robot waited at its waiting pose.", unit="s", allowed=FROM_0)
+    ]
+    agreement_share: Annotated[
+        float | None,
+        Column(
+            "Share of the executed commands after which the robot did what they mean, within 1.5 s.",
+            allowed=SHARE,
+            empty=_AVERAGE,
+        ),
+    ]
+    speed_factor: Annotated[float, Column("Factor of the policy's speed, mean over the trial.")]
+    distance_m: Annotated[float, Column("Preferred distance of the tool at the end of the trial.", unit="m")]
+
+
+def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
+    """Returns the row of a trial; ``None`` if it had no commands and no preferences."""
+    pacing: list[Pacing] = [record for _, record in recording.topics["/pacing"]]
+    if recording.configuration.rules is None or not pacing:
+        return None
+    given: list[RobotCommand] = [record for _, record in recording.topics["/robot_commands"]]
+    executed = [command for command in given if not command.refusal]
+    agreed = [_agrees(command, pacing) for command in executed]
+    waiting = sum(record.mode == "waiting" for record in pacing)
+    return CommandRow(
+        participant=row.participant,
+        site=row.site,
+        simulated=row.simulated,
+        position=row.position,
+        task=row.task,
+        robot=row.robot,
+        policy=row.policy,
+        counted=row.counted,
+        commands=len(executed),
+        ignored=len(given) - len(executed),
+        names=_counts([command.name for command in executed]),
+        sources=_counts([command.source for command in executed]),
+        waiting_s=waiting * control_step_s,
+        agreement_share=sum(agreed) / len(agreed) if agreed else None,
+        speed_factor=sum(record.speed_factor for record in pacing) / len(pacing),
+        distance_m=pacing[-1].distance_m,
+    )
+
+
+def _counts(names: list[str]) -> str:
+    return " ".join(f"{name}={names.count(name)}" for name in sorted(set(names)))
+
+
+def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
+    """Whether the robot did what a command means.
+
+    Approach: the tool comes nearer, or is near. Waiting: the tool does not come nearer. Pace: the speed factor changes,
+    or is at its limit.
+    """
+    after = pacing[command.step : command.step + AGREEMENT_STEPS]
+    if not after:
+        return command.name == "stop"
+    before = pacing[max(command.step - 1, 0)]
+    nearest_m, last_m = min(record.gap_m for record in after), after[-1].gap_m
+    match command.name:
+        case "ready" | "again" | "closer":
+            return nearest_m < before.gap_m - MOVED_M or nearest_m < NEAR_M
+        case "slower":
+            return after[0].speed_factor < before.speed_factor or not command.effective
+        case "faster":
+            return after[0].speed_factor > before.speed_factor or not command.effective
+        case _:
+            return last_m > before.gap_m - MOVED_M
