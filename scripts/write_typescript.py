@@ -59,7 +59,13 @@ UNIONS = {
     "ServerMessage": messages.ServerMessage,
 }
 
-PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency, messages.StreamStatus)
+PARTS_OF_MESSAGES = (
+    messages.XRPose,
+    messages.Skeleton,
+    messages.StageLatency,
+    messages.StreamStatus,
+    messages.CommandLabel,
+)
 
 CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,
@@ -101,7 +107,8 @@ def type_text(info: inspect.Type) -> str:
     if isinstance(info, inspect.TupleType):
         return f"[{', '.join(type_name(item) for item in info.item_types)}]"
     if isinstance(info, inspect.ListType):
-        return f"{type_name(info.item_type)}[]"
+        item = type_name(info.item_type)
+        return f"({item})[]" if " | " in item else f"{item}[]"
     if isinstance(info, inspect.DictType):
         return f"Record<{type_name(info.key_type)}, {type_name(info.value_type)}>"
     if isinstance(info, inspect.UnionType):

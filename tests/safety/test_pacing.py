@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.commands.preferences import (
     FASTEST,
     SLOWEST,
@@ -16,7 +16,7 @@ from avrgym.commands.preferences import (
     Preferences,
     apply_preferences,
 )
-from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName
+from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName, Source
 from avrgym.policies import registry
 from avrgym.safety.pacing import COMMAND_INPUT, CONTINUING, MODES, TOLERANCE_M, Pacing
 from avrgym.safety.retreat import SPEED_M_S
@@ -32,11 +32,10 @@ SETTLING_STEPS = 6
 
 
 def rules(*, commands: tuple[CommandName, ...] = COMMAND_NAMES, **preferences) -> AppliedRules:
-    condition = CommandRules(policy="revised", commands=commands, sources=("key",) if commands else ())
-    return apply_preferences(
-        CommandRules(**{name: getattr(condition, name) for name in ("policy", "commands", "sources")},
-                     defaults=Preferences(**preferences)), None,
-    )  # fmt: skip
+    sources: tuple[Source, ...] = ("key",) if commands else ()
+    wishes = Preferences(**preferences)
+    condition = CommandRules(policy="revised", commands=commands, sources=sources, defaults=wishes)
+    return apply_preferences(condition, None)
 
 
 def paced(applied: AppliedRules, environment: str = FEEDING) -> tuple[Episodes, Pacing]:
@@ -52,11 +51,11 @@ def generators() -> list[np.random.Generator]:
 
 def drive(
     episodes: Episodes, policy: str, steps: int, script: dict[int, CommandName]
-) -> list[tuple[FloatArray, Step, FloatArray, FloatArray]]:
+) -> list[tuple[FloatArray, Step, IntArray, FloatArray]]:
     """Take control steps. Returns for each one the policy's actions, the step, modes and speed factors."""
     pacing = episodes.loop.pacing
     assert pacing is not None
-    found = list[tuple[FloatArray, Step, FloatArray, FloatArray]]()
+    found = list[tuple[FloatArray, Step, IntArray, FloatArray]]()
     environment = episodes.environment_id
     with registry.running(registry.find(policy, environment), episodes, generators()) as act:
         for number in range(steps):

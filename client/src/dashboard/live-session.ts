@@ -1,7 +1,8 @@
 import { canChooseBody } from "../panel/body-choice";
-import { Connection, type Link } from "../session/connection";
+import { Connection, type Link, type Outgoing } from "../session/connection";
 import { isRunning, linkText } from "../session/display-state";
 import { OperatorControl } from "../input/operator-control";
+import { RobotCommandInput } from "../input/robot-commands";
 import { element } from "../page/dom";
 import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "../generated/messages";
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
@@ -19,6 +20,7 @@ export interface LiveEvents {
 export class Live {
   private readonly connection: Connection;
   private readonly driving: OperatorControl;
+  private readonly robotCommands: RobotCommandInput;
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
@@ -40,6 +42,8 @@ export class Live {
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
+    const send: (message: Outgoing) => void = (message) => this.connection.send(message);
+    this.robotCommands = new RobotCommandInput(element("robot-commands"), send, true);
     this.driving = new OperatorControl(element("drive"), (message) => this.connection.send(message));
     window.addEventListener("keydown", (event) => this.key(event));
     element("picture").addEventListener("toggle", () => this.showPicture());
@@ -54,6 +58,7 @@ export class Live {
     if (message.type === "welcome") this.onWelcome();
     if (message.type === "phase") this.onPhase(message);
     if (message.type === "status") this.onStatus(message);
+    if (message.type === "robot_commands") this.robotCommands.show(message);
     if (message.type === "body") this.onBody(message);
     if (message.type === "timing") element("watch-ticks").textContent = timingText(message);
     if (message.type === "problem") this.events.problem(message.message);
@@ -139,7 +144,7 @@ export class Live {
   private key(event: KeyboardEvent): void {
     if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.key === "Escape") return this.stop(event);
-    if (this.driving.takes(event)) return;
+    if (this.driving.takes(event) || this.robotCommands.takesKey(event)) return;
     if (isTyping(event.target) || !element<HTMLInputElement>("letters").checked) return;
     this.letter(event.key.toLowerCase(), event);
   }

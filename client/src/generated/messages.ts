@@ -84,6 +84,12 @@ export interface StreamStatus {
   present: boolean;
 }
 
+/** A robot command that the participant can give, and its label in the participant's language. */
+export interface CommandLabel {
+  name: RobotCommandName;
+  label: string;
+}
+
 /** The first message of a connection. `token` comes from the fragment of the page's address. */
 export interface Hello {
   type: "hello";
@@ -412,7 +418,7 @@ export interface Problem {
 export interface RobotCommands {
   type: "robot_commands";
   commands: CommandLabel[];
-  sources: "gaze" | "nod" | "shake" | ClientSource | WatcherSource[];
+  sources: ("gaze" | "nod" | "shake" | ClientSource | WatcherSource)[];
   mode: string;
   speed_factor: number;
   distance_m: number;

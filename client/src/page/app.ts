@@ -3,7 +3,7 @@ import { Connection, type Link } from "../session/connection";
 import { asksForCode, awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type DisplayState } from "../session/display-state";
 import { Countdown } from "../session/countdown";
 import { FrameIntervals } from "../session/frame-intervals";
-import { fetchBytes } from "./dom";
+import { element, fetchBytes } from "./dom";
 import { DesktopControls } from "../input/desktop-controls";
 import { XRFrameHandler } from "../session/xr-frame";
 import type { Outgoing } from "../session/connection";
@@ -18,6 +18,7 @@ import { createRoom } from "../scene/room";
 import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
 import { Senses } from "../session/haptics-and-sounds";
 import { XRSessionManager, vrUnavailableReason } from "../session/xr-session";
+import { RobotCommandInput } from "../input/robot-commands";
 import { StopControl } from "../input/stop-control";
 import { StateDecoder, type State } from "../session/state-decoder";
 import type { Poses } from "../tracking/pose-reader";
@@ -46,6 +47,7 @@ export class App {
   private readonly session: XRSessionManager;
   private readonly connection: Connection;
   private readonly desktop: DesktopControls;
+  private readonly robotCommands: RobotCommandInput;
   private readonly latency: LatencyMeter;
   private readonly states = new StateDecoder();
   private readonly frameIntervals = new FrameIntervals();
@@ -82,6 +84,7 @@ export class App {
       answer: (value) => this.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
+    this.robotCommands = new RobotCommandInput(element("robot-commands"), (message) => this.send(message));
     this.desktop = new DesktopControls(this.page.view, this.page.handButtons);
     this.view = new View(this.page.view, this.page.card, detail);
     this.robotPointer = new RobotPointer(this.view.scene);
@@ -177,6 +180,7 @@ export class App {
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.spectator?.onStatus(message);
     if (message.type === "timing") return this.spectator?.onTiming(message);
+    if (message.type === "robot_commands") return this.robotCommands.show(message);
     if (message.type === "placed") return this.world.move(message, performance.now());
     if (message.type === "upcoming") return this.prefetch(message.url);
     if (message.type === "welcome") this.onWelcome(message);
@@ -356,7 +360,7 @@ export class App {
   }
 
   private key(event: KeyboardEvent): void {
-    if (this.answerByKey(event)) return;
+    if (this.answerByKey(event) || (!this.isSpectator && this.robotCommands.takesKey(event))) return;
     if (this.desktop.press(event.code)) return;
     if (this.desktop.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
       this.send({ type: "ready" });
@@ -434,6 +438,7 @@ export class App {
   private frame(timeMs: number, frame?: XRFrame): void {
     if (this.countdown.advance(performance.now())) this.update();
     this.updateAnswering();
+    if (!this.isSpectator) this.robotCommands.watchGamepads(navigator.getGamepads());
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
       this.updateWorld(timeMs, this.xrFrames.read(frame, space, timeMs), this.xrFrames.bareHands);

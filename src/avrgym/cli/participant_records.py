@@ -268,3 +268,31 @@ def functioning(folder: Folder, participant: Pseudonym) -> None:
         record_functioning(store, participant, Functioning(levels, named, diagnosis))
         log(store, "record functioning", participant)
     print_line(f"{participant}: the answers are stored")
+
+
+def preferences(
+    folder: Folder,
+    participant: Pseudonym,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a preference, for example speed=0.5.", metavar="NAME=VALUE"),
+    ] = None,
+) -> None:
+    """Show or change a participant's preferences for the robot.
+
+    Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands and sources. They apply in the
+    conditions with preferences = true.
+    """
+    from avrgym.commands.preferences import Preferences, change_preferences, in_words
+    from avrgym.study.people.participants import participant_texts
+    from avrgym.study.people.preferences import preferences_of, record_preferences
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        texts = participant_texts(store, store.participant(participant))
+        own = preferences_of(store, participant) or Preferences()
+        if change:
+            own = change_preferences(own, change)
+            record_preferences(store, participant, own)
+            log(store, "record preferences", participant)
+    print_line(in_words(own, texts.language))

@@ -15,6 +15,7 @@ from avrgym.cli.participant_records import (
     data_protection,
     functioning,
     participant_data,
+    preferences,
     record_adverse_event,
     retention,
 )
@@ -67,6 +68,7 @@ app.command()(retention)
 app.command()(participant_data)
 app.command()(data_protection)
 app.command()(functioning)
+app.command()(preferences)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)

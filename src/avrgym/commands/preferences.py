@@ -79,6 +79,26 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
 DEFAULT_PREFERENCES = Preferences()
 
 
+def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Preferences:
+    """Returns preferences with changes from texts ``name=value``. Lists are words with commas between.
+
+    Raises:
+        ValueError: for an unknown name, or a value that is not allowed.
+    """
+    values = msgspec.to_builtins(preferences)
+    for change in changes:
+        name, _, text = (part.strip() for part in change.partition("="))
+        if name not in Preferences.__struct_fields__ or name == "thresholds":
+            allowed = [each for each in Preferences.__struct_fields__ if each != "thresholds"]
+            raise ValueError(f"unknown preference {name!r}; allowed: {', '.join(allowed)}")
+        is_list = name in ("commands", "sources")
+        values[name] = [word.strip() for word in text.split(",") if word.strip()] if is_list else text
+    try:
+        return msgspec.convert(values, Preferences, strict=False)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error).replace(" - at `$.", " in `")) from None
+
+
 class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """The rules of a condition: the policy, and how participants can influence the robot.
 

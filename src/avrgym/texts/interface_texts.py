@@ -32,6 +32,7 @@ OPTIONAL_PAGE_KEYS = (
     "open_session",
     "wrong_code",
     "too_many_codes",
+    "robot_commands",
 )
 """Optional keys under ``page``. Their default is the English text."""
 PAGE_SUFFIX = "_page"

@@ -122,9 +122,9 @@ def _with_keys(values: Any, place: Place) -> Place:
     """The path with the keys of mappings, which msgspec leaves out: each is the first one that has the next key."""
     found: list[str | int] = []
     for key in place:
-        if is_table(values) and key not in values:
-            name = next((each for each in values if is_table(values[each]) and key in values[each]), "")
-            if not name:
+        if is_table(values) and isinstance(key, str) and key not in values:
+            name = next((each for each in values if is_table(values[each]) and key in values[each]), None)
+            if name is None:
                 return place
             found.append(name)
             values = values[name]

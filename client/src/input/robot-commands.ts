@@ -1,0 +1,76 @@
+import type { ClientMessage, CommandLabel, ExperimenterMessage, RobotCommands } from "../generated/messages";
+import { createElement } from "../page/dom";
+
+type Given = Extract<ClientMessage | ExperimenterMessage, { type: "robot_command" }>;
+type Name = Given["name"];
+type Key = Pick<KeyboardEvent, "key" | "repeat" | "ctrlKey" | "altKey" | "metaKey">;
+
+/** The command of a number key: 1 gives the first command. */
+export function commandOfKey(event: Key, offered: readonly CommandLabel[]): Name | null {
+  const isOther = event.repeat || event.ctrlKey || event.altKey || event.metaKey || !/^\d$/.test(event.key);
+  return (isOther ? null : offered[Number(event.key) - 1]?.name) ?? null;
+}
+
+/** The indices of the pressed buttons of all gamepads. */
+export function pressedButtons(gamepads: Iterable<Pick<Gamepad, "buttons"> | null>): Set<number> {
+  const pressed = new Set<number>();
+  for (const gamepad of gamepads) gamepad?.buttons.forEach((button, index) => button.pressed && pressed.add(index));
+  return pressed;
+}
+
+/** Commands to the robot by buttons, number keys and gamepad buttons, while the server offers commands. */
+export class RobotCommandInput {
+  private offered: readonly CommandLabel[] = [];
+  private pressed = new Set<number>();
+
+  /** `group`: element for the buttons. `asExperimenter`: every input has the source `experimenter`. */
+  constructor(
+    private readonly group: HTMLElement,
+    private readonly send: (message: Given) => void,
+    private readonly asExperimenter = false,
+  ) {}
+
+  show({ commands, sources, mode }: RobotCommands): void {
+    if (commands.map(({ name }) => name).join() !== this.offered.map(({ name }) => name).join())
+      this.group.replaceChildren(...commands.map((command, index) => this.button(command, index)));
+    this.offered = commands;
+    this.group.hidden = !commands.length || !sources.includes(this.asExperimenter ? "experimenter" : "button");
+    this.group.dataset["mode"] = mode;
+  }
+
+  /** Whether a number key gives a command. It gives none in text fields. */
+  takesKey(event: KeyboardEvent): boolean {
+    const isTyping = event.target instanceof Element && event.target.closest("input, textarea, select") !== null;
+    const name = isTyping ? null : commandOfKey(event, this.offered);
+    if (name) this.give(name, "key");
+    return name !== null;
+  }
+
+  /** Gives the commands of newly pressed buttons: the first button gives the first command, and so on. */
+  watchGamepads(gamepads: Iterable<Gamepad | null>): void {
+    if (!this.offered.length) return;
+    const before = this.pressed;
+    this.pressed = pressedButtons(gamepads);
+    for (const index of this.pressed) {
+      const command = before.has(index) ? undefined : this.offered[index];
+      if (command) this.give(command.name, "button");
+    }
+  }
+
+  private button({ name, label }: CommandLabel, index: number): HTMLButtonElement {
+    const key = String(index + 1);
+    const button = createElement("button", `${this.asExperimenter ? name.replace("_", " ") : label} `);
+    button.type = "button";
+    button.dataset["robotCommand"] = name;
+    button.setAttribute("aria-keyshortcuts", key);
+    button.append(createElement("kbd", key));
+    button.addEventListener("click", () => this.give(name, "button"));
+    return button;
+  }
+
+  private give(name: Name, source: "key" | "button"): void {
+    const client_time_ms = performance.now();
+    if (this.asExperimenter) this.send({ type: "robot_command", name, source: "experimenter", client_time_ms });
+    else this.send({ type: "robot_command", name, source, client_time_ms });
+  }
+}
