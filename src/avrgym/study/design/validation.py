@@ -4,7 +4,7 @@ import re
 import tomllib
 from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 
@@ -129,7 +129,7 @@ def _with_keys(values: Any, place: Place) -> Place:
             found.append(name)
             values = values[name]
         found.append(key)
-        values = values[key]
+        values = cast(Any, values)[key]
     return tuple(found)
 
 
