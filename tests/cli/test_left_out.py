@@ -14,6 +14,8 @@ from typer.testing import CliRunner, Result
 import avrgym.envs.benchmark as simulation_benchmark
 import avrgym.vr.benchmark.live_latency as vr_benchmark
 from avrgym.cli.main import app
+from avrgym.learning.cross_play import _environments_with
+from avrgym.policies import registry as policies
 from avrgym.tasks import registry
 from avrgym.tasks.task import Expert
 from helpers.system.example_package import environment_variables
@@ -63,6 +65,17 @@ def test_evaluate_skips_environments_that_fail(
     (named,) = done.stderr.splitlines()
     assert named.startswith(f"left out  {EXTENSION} with {policies[0]}")
     assert ("KeyError: 'spoon'" if policies == ["oracle"] else "no policy 'adaptive'") in named
+
+
+def test_one_line_lists_the_environments_without_a_policy() -> None:
+    lacking = ["avrgym/FeedingPanda-v1", "avrgym/FeedingUR5-v1"]
+    lines: list[str] = []
+    found = _environments_with(
+        [OWN, *lacking], "adaptive", policies.find, lambda what, error: lines.append(f"{what}: {error}")
+    )
+    assert found == {OWN}
+    (line,) = lines
+    assert line.startswith(f"{', '.join(lacking)} with adaptive: no policy 'adaptive' for {lacking[0]}")
 
 
 def test_rows_equal_those_of_single_evaluations(extend: Callable[[Expert], None], tmp_path: Path) -> None:

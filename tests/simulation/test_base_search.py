@@ -45,12 +45,17 @@ class Problem:
         self.goal_pos_w = places + rng.uniform(-0.06, 0.06, (count, 3, 3))
         self.goal_q_w: np.ndarray | None = np.tile(transforms.IDENTITY_QUATERNION, (count, 3, 1))
 
-    def search(self, worlds: slice = slice(None), seed_pose: np.ndarray = SEED_RAD) -> BaseChoice:
+    def search(
+        self,
+        worlds: slice = slice(None),
+        seed_pose: np.ndarray = SEED_RAD,
+        path_cost: base_search.PathCost | None = None,
+    ) -> BaseChoice:
         candidates = BasePoses(self.candidates.pos_w[worlds], self.candidates.yaw_rad[worlds])
         goal_q = None if self.goal_q_w is None else self.goal_q_w[worlds]
         start_pos, start_q = self.start_pos_w[worlds], self.start_q_w[worlds]
         return base_search.search(
-            CHAIN, candidates, start_pos, start_q, self.goal_pos_w[worlds], goal_q, seed_pose
+            CHAIN, candidates, start_pos, start_q, self.goal_pos_w[worlds], goal_q, seed_pose, path_cost
         )
 
 
@@ -156,6 +161,20 @@ def test_goals_come_first_and_isotropy_second(problem):
         assert start_reached[index]
         assert goals[index] == goals[start_reached].max()
         assert isotropy[index] == isotropy[start_reached & (goals == goals[index])].max()
+
+
+def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
+    plain, seen = problem.search(), {}
+
+    def cost(pos_w, yaw_rad, joint_positions):
+        seen["yaw"] = yaw_rad
+        return np.abs(yaw_rad)
+
+    chosen = problem.search(path_cost=cost)
+    assert seen["yaw"].shape == (WORLDS, base_search.NUM_REHEARSED)
+    assert_array_equal(seen["yaw"][:, 0], plain.base.yaw_rad)
+    assert_array_equal(np.abs(chosen.base.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
+    assert chosen.reached.all()
 
 
 def test_candidates_that_miss_the_start_count_for_nothing(problem):

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.engines import engine, warp
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
@@ -236,3 +237,10 @@ def test_a_copy_goes_on_where_its_original_is(there: Episodes) -> None:
     for _ in range(3):
         wanted, found = there.step(action), copy.step(action)
     np.testing.assert_allclose(found.observation, wanted.observation, atol=1e-5)
+
+
+def test_a_driving_robot_needs_the_engine_threads():
+    driving = [robot.name for robot in ROBOTS.values() if robot.drive is not None]
+    for robot in driving:
+        with pytest.raises(ValueError, match="warp does not simulate robots that drive; allowed: threads"):
+            Episodes(f"avrgym/Feeding{robot}-v1", 1, engine="warp")

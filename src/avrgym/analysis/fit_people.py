@@ -35,9 +35,11 @@ FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
+    "left_arm": [],
     "nothing": [],
 }
-"""Joint indices by the body part that a person moves to the tool: mouth, arm or nothing."""
+"""Joint indices by the body part that a person moves to the tool: mouth, arm or nothing. The left
+arm is not fitted."""
 MIN_VOLUNTARY_MOTION_DEG = 5.0
 """Joint motion above this threshold is voluntary. The postural sway of a sitting person is smaller."""
 START_DURATION_S = 1.0

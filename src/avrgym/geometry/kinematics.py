@@ -33,7 +33,7 @@ from avrgym.geometry.small_matrices import (
 SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
     """A kinematic chain of J hinges and slides from a base frame to a tip frame.
 

@@ -48,8 +48,8 @@ def cross_play(
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
     The arguments are those of ``evaluate_all``. All policies are evaluated in the same episodes of an environment. If
-    ``leave_out`` is given, it is called for each environment that lacks the policy or the people, or fails. This
-    environment is skipped.
+    ``leave_out`` is given, environments that lack the policy or the people, or fail, are skipped. It is called once
+    with all environments that lack a policy or people, and for each environment that fails.
 
     Raises:
         ValueError: before the evaluation, for an unknown name; the message contains the allowed values. With
@@ -125,9 +125,8 @@ def _environments_with(
             errors[environment_id] = error
             if leave_out is None or len(errors) == len(environment_ids):
                 raise next(iter(errors.values())) from None
-    for environment_id, error in errors.items():
-        if leave_out is not None:
-            leave_out(f"{environment_id} with {name}", error)
+    if leave_out is not None and errors:
+        leave_out(f"{', '.join(errors)} with {name}", next(iter(errors.values())))
     return {*environment_ids} - errors.keys()
 
 

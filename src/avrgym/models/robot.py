@@ -97,6 +97,8 @@ class Mount:
         carrier_body: body of the carrier that moves with the base.
         left_yaw_rad: base yaw on the person's other side, for a robot whose arm extends to one side. ``None``: the
             mirrored yaw.
+        left_pos_w: base position on the person's other side. ``None``: the mirrored position. A carrier then needs the
+            keyword ``mount_m``, see ``add_bracket``.
     """
 
     pos_w: tuple[float, float, float]
@@ -105,6 +107,7 @@ class Mount:
     carrier: Furniture | None = None
     carrier_body: str | None = None
     left_yaw_rad: float | None = None
+    left_pos_w: tuple[float, float, float] | None = None
 
     @property
     def on_floor(self) -> bool:
@@ -118,21 +121,24 @@ class Mount:
             UnsuitableError: if the carrier cannot be mirrored.
         """
         x, y, z = self.pos_w
+        pos_w = self.left_pos_w or (-x, y, z)
         carrier: Callable[..., None] | None = self.carrier
         if carrier is not None:
             if "mirrored" not in inspect.signature(carrier).parameters:
                 raise UnsuitableError("the carrier has no keyword mirrored; allowed: a robot on the floor")
-            carrier = partial(carrier, mirrored=True)
+            moved = {} if self.left_pos_w is None else {"mount_m": (-pos_w[0], *pos_w[1:])}
+            carrier = partial(carrier, mirrored=True, **moved)
         yaw_rad = self.left_yaw_rad
         if yaw_rad is None:
             yaw_rad = float(np.remainder(2.0 * np.pi - self.yaw_rad, 2.0 * np.pi) - np.pi)
         return replace(
             self,
-            pos_w=(-x, y, z),
+            pos_w=pos_w,
             yaw_rad=yaw_rad,
             base_range=None if self.base_range is None else self.base_range.mirrored(),
             carrier=carrier,
             left_yaw_rad=None if self.left_yaw_rad is None else self.yaw_rad,
+            left_pos_w=None if self.left_pos_w is None else self.pos_w,
         )
 
 

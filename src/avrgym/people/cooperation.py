@@ -21,7 +21,8 @@ from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import motor
 from avrgym.people.motor import MotorState
 
-OfferedPart = Literal["mouth", "arm", "nothing"]
+OfferedPart = Literal["mouth", "arm", "left_arm", "nothing"]
+"""Body parts: ``arm`` is the right arm. People hold the left arm still until they execute actions."""
 
 
 class PersonObservation(Protocol):
@@ -66,6 +67,7 @@ PACE = (0.82, 1.18)
 OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
     "arm": tuple(name for name in JOINTS if name.startswith("right_")),
+    "left_arm": tuple(name for name in JOINTS if name.startswith("left_")),
     "nothing": (),
 }
 """Joints that move the offered body part towards the tool."""
@@ -138,7 +140,7 @@ def choose_goals(
             goals = _mouth_goals(state, goals_rad, observation, tool, posture)
         case "arm":
             goals = _arm_goals(state, goals_rad, observation, tool)
-        case "nothing":
+        case "left_arm" | "nothing":
             goals = goals_rad
     return replace(state, tool_history_w=history), goals
 

@@ -17,17 +17,22 @@ HALF_WIDTH_M = 0.18
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
 
-def on_furniture(on_wheelchair_m: tuple[float, float, float], shoulder_m: float) -> Mapping[Place, Mount]:
+def on_furniture(
+    on_wheelchair_m: tuple[float, float, float],
+    shoulder_m: float,
+    left_pos_w: tuple[float, float, float] | None = None,
+) -> Mapping[Place, Mount]:
     """Mounts on a bracket of the wheelchair, and on a nightstand next to the bed.
 
     Args:
         on_wheelchair_m: position of the arm's base on the wheelchair, world frame.
         shoulder_m: maximum height of the shoulder above the base.
+        left_pos_w: position on the wheelchair's left side; ``None``: mirrored.
     """
     yaw_rad = -0.5 * np.pi
     bracket = partial(add_bracket, mount_m=on_wheelchair_m, shoulder_m=shoulder_m)
     return {
-        "wheelchair": Mount(on_wheelchair_m, yaw_rad, carrier=bracket),
+        "wheelchair": Mount(on_wheelchair_m, yaw_rad, carrier=bracket, left_pos_w=left_pos_w),
         "bed": Mount(
             NIGHTSTAND_TOP_M,
             yaw_rad,

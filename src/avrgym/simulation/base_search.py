@@ -5,6 +5,7 @@ robots", Autonomous Robots 43, 2019) over sampled base poses, as in the referenc
 solved in one batch. The result of a world does not depend on the other worlds, to the last bit.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,13 @@ class BaseChoice:
     scores: Scores
 
 
+PathCost = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""A function that returns the costs (n, K) of K initial states of n worlds, from the positions (n, K, 3) and yaw angles
+(n, K) of the base, and the joint positions (n, K, J)."""
+NUM_REHEARSED = 16
+"""Number of candidates whose motion is rehearsed."""
+
+
 def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray) -> BasePoses:
     """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
@@ -79,8 +87,11 @@ def search(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
     seed_pose: FloatArray,
+    path_cost: PathCost | None = None,
 ) -> BaseChoice:
     """Returns the best candidate of each world: it reaches the start pose and most goals, with the highest isotropy.
+
+    With ``path_cost``, the result is the candidate with the lowest cost among the ``NUM_REHEARSED`` best ones.
 
     A goal is reached within 3 cm (reference) and 15°. Candidates with equal numbers of goals are compared by the sum of
     the joint-limit-weighted kinematic isotropy over the start pose and the reached goals. Inverse kinematics begins at
@@ -95,6 +106,7 @@ def search(
         goal_pos_w: (n, G, 3), goal positions of the tip.
         goal_q_w: (n, G, 4), or None for any rotation.
         seed_pose: (J,), initial joint positions of the search for the start pose.
+        path_cost: cost of the motion from an initial state.
     """
     count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]
     bases = BasePoses(candidates.pos_w.reshape(-1, 3), candidates.yaw_rad.reshape(-1))
@@ -102,7 +114,13 @@ def search(
     pos, q = _point_from(bases, start_pos_w[world]), _rotation_from(bases, start_q_w[world])
     arms = _solve_starts(chain, pos, q, seed_pose, per_world)
     scores = _score(chain, bases, world, arms, goal_pos_w, goal_q_w)
-    index = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world).argmax(axis=-1)
+    merit = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world)
+    index = merit.argmax(axis=-1)
+    if path_cost is not None:
+        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_REHEARSED]
+        rows = ranked + per_world * np.arange(count)[:, None]
+        cost = path_cost(bases.pos_w[rows], bases.yaw_rad[rows], arms.joint_positions[rows])
+        index = ranked[np.arange(count), cost.argmin(axis=-1)]
     best = index + per_world * np.arange(count)
     arm = kinematics.solve(chain, pos[best], q[best], arms.joint_positions[best])
     return BaseChoice(

@@ -19,6 +19,7 @@ from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
+from avrgym.tasks.rehearsal import Rehearsal
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
@@ -128,6 +129,8 @@ def placed_start(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray,
     uniforms: FloatArray,
+    *,
+    along_goals: bool = False,
 ) -> Start:
     """Initial states of n worlds with tool poses (n, 3) and (n, 4).
 
@@ -135,20 +138,30 @@ def placed_start(
     the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed base
     they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. The first joint
     of ``planning_chain`` shifts the initial position of a driving base.
+
+    With ``along_goals``, the tool moves from goal to goal. The motion is rehearsed from several initial states, and the
+    one with the lowest cost is chosen, see ``rehearsal``.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
+    path_cost = None
+    if along_goals:
+        path_cost = Rehearsal(scene, chain, people, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w)
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
         base_q = np.tile(transforms.from_axis_angle(Z_AXIS, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
         positions = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
+        if path_cost is not None:
+            positions = path_cost.best_posture(base_pos, mount.yaw_rad, positions, uniforms)
     else:
         candidates = _clear_of_furniture(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
-        found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
+        found = base_search.search(
+            chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose, path_cost
+        )
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z_AXIS, found.base.yaw_rad)
         positions = found.joint_positions
     missed_m = None

@@ -166,7 +166,7 @@ def _perceive_tool(
             gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - observation.mouth_pos_w), np.inf)
         case "arm":
             gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool[:, None]), axis=-1)
-        case "nothing":
+        case "left_arm" | "nothing":
             gap = xp.full_like(back, xp.inf)
     side = xp.where(ahead[:, 0] > 0.0, 1.0, -1.0)
     return _ToolPercept(aware, cooperation.head_angles_toward(ahead), xp.where(aware, gap, np.inf), side)

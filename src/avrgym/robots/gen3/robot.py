@@ -11,7 +11,8 @@ from avrgym.robots.parallel_gripper import OUT_ALONG_Z, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
-ON_WHEELCHAIR_M = (-0.40, -0.50, 0.50)
+ON_WHEELCHAIR_M, LEFT_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
+"""Positions of the base on the right and left side. The lower one lets the elbow unfold in front of a stretched arm."""
 SHOULDER_M = 0.30
 """Maximum height of the shoulder above the arm's mount."""
 
@@ -48,7 +49,7 @@ GEN3 = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M),
+    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M, LEFT_POS_W),
     grips=parallel_grips(
         BETWEEN_TIPS_M,
         TIP_END_M,

@@ -7,6 +7,8 @@ import mujoco
 from mujoco.batch import Batch
 
 from avrgym.array_types import IntArray
+from avrgym.models.drive import DRIVE_JOINTS
+from avrgym.models.robot import PREFIX
 from avrgym.system.engines import ENGINES, THREADS, WARP
 from avrgym.system.memory import available_bytes
 
@@ -101,8 +103,8 @@ def make_engine(
             nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, for ``threads`` with a device, for cloth with ``warp``, or for more
-            worlds than memory allows.
+        ValueError: for an unknown engine or device, for ``threads`` with a device, for cloth or a driving robot with
+            ``warp``, or for more worlds than memory allows.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)
@@ -115,6 +117,8 @@ def make_engine(
         return Threads(model, num_worlds, num_threads)
     if model.nflex:
         raise ValueError(f"the engine {name} does not simulate cloth; allowed: {THREADS}")
+    if PREFIX + DRIVE_JOINTS[0] in [model.joint(joint).name for joint in range(model.njnt)]:
+        raise ValueError(f"the engine {name} does not simulate robots that drive; allowed: {THREADS}")
     from avrgym.simulation.engines.warp import Warp
 
     return Warp(model, num_worlds, num_threads, device, on_device=on_device)

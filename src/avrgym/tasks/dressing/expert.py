@@ -27,8 +27,11 @@ CENTRED_M, LATERAL_GAIN = 0.03, 1.5
 """The opening moves over the hand if its centre is within ``CENTRED_M`` of the arm's axis. Otherwise the opening waits
 in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN`` times the excess."""
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
-COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 8.0
-"""The speed falls from full to zero between these forces on the person."""
+COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0
+"""The speed falls from full to zero between these forces on the person. At higher forces the tool moves back along the
+arm."""
+FREE_LAG_M, MAX_LAG_M = 0.03, 0.045
+"""The speed falls in the same way with the distance of the tool from its plan, because an obstacle holds the tool."""
 PAST_SHOULDER_M = 0.04
 """The hoop moves this distance past the point at which the arm is dressed, because the free half of the opening lags
 behind."""
@@ -45,7 +48,10 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
 
 
 def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Next tool pose and speed along the arm. The tool stops if the arm is dressed or the force is too high."""
+    """Next tool pose and speed along the arm. The tool stops if the arm is dressed.
+
+    It moves back if the force is high or an obstacle holds it.
+    """
     path = arm_path(state)
     end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
     here = nearest_on_path(planner.pos_w, path, extended=True)
@@ -53,13 +59,21 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     wait_m = -BEND_M - LATERAL_GAIN * np.maximum(beside_m - CENTRED_M, 0.0)
     before = here.at_m < 0.0
     limit_m = np.where(before & (beside_m > CENTRED_M), wait_m, end_m)
-    ahead_m = np.minimum(here.at_m + LOOKAHEAD_M, limit_m)
+    lag_m = norm(state.tool_pos_w - planner.pos_w)
+    free_share = np.minimum(
+        (MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N),
+        (MAX_LAG_M - lag_m) / (MAX_LAG_M - FREE_LAG_M),
+    )
+    centred_share = np.clip(2.0 - beside_m / CENTRED_M, 0.0, 1.0)
+    step_m = LOOKAHEAD_M * np.where(before, 1.0, centred_share)
+    backs = free_share < 0.0
+    ahead_m = np.where(backs, here.at_m - LOOKAHEAD_M, np.minimum(here.at_m + step_m, limit_m))
     place_w, _ = _path_point(path, ahead_m)
     _, along_w = _path_point(path, here.at_m)
-    force_share = np.clip((MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N), 0.0, 1.0)
-    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m)) * force_share
-    speed = np.where(before, APPROACH_SPEED_M_S * force_share, np.maximum(drawn, SLOWEST_M_S * force_share))
-    stays = is_dressed(task_state) | (force_share == 0.0)
+    share = np.minimum(np.abs(free_share), 1.0)
+    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m))
+    speed = share * np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, SLOWEST_M_S))
+    stays = is_dressed(task_state) & ~backs
     q_w = np.where(stays[:, None], planner.q_w, opening_rotation(planner.scene, along_w))
     return place_w, q_w, np.where(stays, 0.0, speed)
 

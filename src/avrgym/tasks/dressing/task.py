@@ -47,7 +47,7 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Initial states with the opening within ±3 cm of a point before the hand.
 
-    The base search has three goals: openings at wrist, elbow and shoulder.
+    The tool moves along three goals: openings at wrist, elbow and shoulder.
     """
     xp = namespace(uniforms)
     shoulder_w, elbow_w, wrist_w = (_left_arm_w(people, name) for name in LEFT_ARM)
@@ -60,7 +60,9 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)
     goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
     tool_w = hand_w - START_BEFORE_HAND_M * forearm_w + offset
-    return placement.placed_start(scene, people, {}, tool_w, forearm_q, goals, goals_q, uniforms[:, 3:])
+    return placement.placed_start(
+        scene, people, {}, tool_w, forearm_q, goals, goals_q, uniforms[:, 3:], along_goals=True
+    )
 
 
 def _left_arm_w(people: People, body: str) -> FloatArray:
@@ -91,7 +93,7 @@ DRESSING = Task(
     name="Dressing",
     goal="Get your left arm dressed.",
     pose=POSE,
-    offered="nothing",
+    offered="left_arm",
     scene=scene,
     num_uniforms=3 + placement.NUM_UNIFORMS,
     start=start,

@@ -12,7 +12,6 @@ from avrgym.models.cup import CUP_SHAPE, CupShape
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
-from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
@@ -53,7 +52,7 @@ class DrinkingExpert:
         """Plan for the present people."""
         self._cup = cup
         self._episodes = episodes
-        self._planner, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
+        self._planner = MotionPlanner(episodes)
         count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, CARRY_TILT_RAD), np.zeros(count, dtype=bool)
         self._way, self._before = self._plan(self._episodes.state())
@@ -101,7 +100,7 @@ class DrinkingExpert:
         ]
         for pos_w, q_w in poses:
             joint_positions = self._planner.joint_positions_at(pos_w, q_w, joint_positions)
-            gap = self._clearance.min_distance_m(joint_positions[:, None], state, tool=False)[:, 0]
+            gap = self._planner.clearance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
         reached_w, _ = self._planner.pose(joint_positions)

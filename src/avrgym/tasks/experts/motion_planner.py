@@ -4,9 +4,10 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
+from avrgym.simulation.worlds import State
 from avrgym.system import random_streams
 from avrgym.tasks import placement
-from avrgym.tasks.experts.robot_clearance import Clearance
+from avrgym.tasks.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
 ITERATIONS = 8
@@ -49,8 +50,8 @@ class MotionPlanner:
         self._drive = drive = self.scene.robot.drive
         travel = () if drive is None else (drive.speed_limit_m_s,)
         self._reach = np.concatenate([travel, self.scene.arm.speed_limit]) * self._step_s
-        self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
+        self._clearance = Clearance(self.scene, self._chain, *self._base_w)
         self._to_base = transforms.invert(*self._base_w)
         self._continue_from(self._simulation.joint_positions())
         self.posture = self.joint_positions
@@ -153,8 +154,15 @@ class MotionPlanner:
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PATH_FRACTIONS:
             there = self.joint_positions[:, None] + share * way
-            gap = np.minimum(gap, self._clearance.min_distance_m(there, state, tool=share < 1.0))
+            gap = np.minimum(gap, self.clearance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
+
+    def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
+        """Smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J), see
+        ``Clearance``."""
+        return self._clearance.min_distance_m(
+            joint_positions, state.person_segment_w, state.person_radius_m, tool=tool
+        )
 
     def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Angle (N, M) between the tool's z axis and the vertical at joint positions (N, M, J)."""

@@ -6,6 +6,7 @@ them. Dry runs, demonstrations and tests use them. All their data are marked as 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -260,13 +261,14 @@ class SimulatedParticipant:
         """Apply an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
         feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
-        goal_w = observation.mouth_pos_w if self._offered == "mouth" else marks_w[0]
+        marked = [tool[None, :3] - marks_w[0] for _ in self._view.goals] if len(marks_w) else None
         seen = PersonInputs(
             hips_pos_w=hips[None, :3],
             hips_q_w=hips[None, 3:],
             tool_pos_w=tool[None, :3],
             tool_q_w=tool[None, 3:],
-            tool_from_goals_w=[tool[None, :3] - goal_w for _ in self._view.goals],
+            tool_from_goals_w=marked
+            or [entry.compute(cast("Any", observation), None) for entry in self._view.goals],
             joint_angles_rad=self._held_rad[None],
             right_arm_pos_w=observation.right_arm_pos_w,
             head_pos_w=np.atleast_2d(observation.head_pos_w),

@@ -11,8 +11,6 @@ from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import collision_bits
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.people.arm_clearance import Boxes
-from avrgym.simulation.worlds import Simulation, State
-from avrgym.tasks import placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +33,11 @@ class ArmShape:
 
 
 @cache
-def arm_shape(scene: SceneConfig) -> ArmShape:
-    """Capsules around the collision geoms of the moving arm and of a driving base."""
+def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
+    """Capsules around the collision geoms of the moving arm and of a driving base.
+
+    ``chain`` is the scene's ``placement.planning_chain``.
+    """
     model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -60,21 +61,22 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
         ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
         radius.append(r)
         is_tool.append(model.geom_bodyid[geom] == tool)
-    chain = placement.planning_chain(scene)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
     return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 
 
-def furniture_boxes(simulation: Simulation) -> Boxes:
-    """Boxes around the collision geoms of the furniture, without the floor and movable bodies."""
-    model, movable = simulation.model, simulation.scene.movable
-    data = mujoco.MjData(model)
+@cache
+def furniture_boxes(scene: SceneConfig) -> Boxes:
+    """Boxes around the collision geoms of the furniture, without movable bodies."""
+    spec = mujoco.MjSpec()
+    for add in scene.furniture:
+        add(spec, False)
+    model, data = (compiled := spec.compile()), mujoco.MjData(compiled)
     mujoco.mj_kinematics(model, data)
     geoms = [
         geom
         for geom in np.nonzero(model.geom_contype == collision_bits.FURNITURE.contype)[0]
-        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
-        and model.body(model.geom_bodyid[geom]).name not in movable
+        if model.body(model.geom_bodyid[geom]).name not in scene.movable
     ]
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
@@ -82,24 +84,35 @@ def furniture_boxes(simulation: Simulation) -> Boxes:
 
 
 class Clearance:
-    """Computes the distances of the arms in N worlds from person and furniture, at any joint angles."""
+    """Computes the distances of the arms in N worlds from person and furniture, at any joint positions."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        """Store the arm's shape and the present poses of base and furniture."""
-        self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
-        self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
+    def __init__(
+        self, scene: SceneConfig, chain: kinematics.Chain, base_pos_w: FloatArray, base_q_w: FloatArray
+    ) -> None:
+        """Store the shapes of arm and furniture, and the initial poses of the robots' bases, (N, 3) and (N, 4).
 
-    def min_distance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
-        """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative if the arm
+        ``chain`` is the scene's ``placement.planning_chain``.
+        """
+        self._shape, self._boxes = arm_shape(scene, chain), furniture_boxes(scene)
+        self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in (base_pos_w, base_q_w))
+
+    def min_distance_m(
+        self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
+    ) -> FloatArray:
+        """Smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J); negative if the arm
         overlaps them.
 
-        ``tool`` includes the tool; the hand is always included.
+        Args:
+            joint_positions: positions of the joints of ``placement.planning_chain``.
+            segments_w: ends (N, G, 2, 3) of the axes of the person's capsules, world frame.
+            radii_m: radii (N, G) of these capsules.
+            tool: whether to include the tool. The hand is always included.
         """
         counts = np.nonzero(tool | ~self._shape.is_tool)[0]
         start, end = np.moveaxis(self._ends_w(joint_positions)[:, :, counts, None], -2, 0)
-        person = state.person_segment_w[:, None, None]
+        person = segments_w[:, None, None]
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
-        to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
+        to_person = (to_person - radii_m[:, None, None]).min(axis=-1)
         boxes = self._boxes
         to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
         to_axis = np.minimum(to_person, to_boxes.min(axis=-1))

@@ -1,0 +1,112 @@
+"""Rehearsal of a motion from an initial state: whether the arm follows the path of the tool with clearance from person
+and furniture.
+
+The rehearsal is kinematic. It follows the path in small steps by inverse kinematics, as experts do.
+"""
+
+import numpy as np
+
+from avrgym.array_types import FloatArray, IntArray
+from avrgym.geometry import kinematics, transforms
+from avrgym.models.human import People
+from avrgym.models.scene import SceneConfig
+from avrgym.people.arm_clearance import person_capsules
+from avrgym.tasks.robot_clearance import Clearance
+
+STEPS, ITERATIONS = 6, 8
+"""Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
+MARGIN_M, LIMIT_MARGIN_RAD = 0.02, 0.15
+"""Distance from person and furniture, and from joint limits, below which the cost of a motion increases."""
+ALLOWED_ERROR_M, ALLOWED_ERROR_RAD = 0.005, 0.05
+POSTURES = 16
+"""Number of postures of a robot with a fixed base whose motion is rehearsed."""
+
+
+class Rehearsal:
+    """Computes the cost of a motion of the tools of n worlds, from several initial states of each world."""
+
+    def __init__(
+        self,
+        scene: SceneConfig,
+        chain: kinematics.Chain,
+        people: People,
+        start_pos_w: FloatArray,
+        start_q_w: FloatArray,
+        goal_pos_w: FloatArray,
+        goal_q_w: FloatArray,
+    ) -> None:
+        """Store the path from start poses, (n, 3) and (n, 4), over goals, (n, G, 3) and (n, G, 4)."""
+        self._scene, self._chain = scene, chain
+        self._path = _interpolated(
+            np.concatenate([start_pos_w[:, None], goal_pos_w], axis=1),
+            np.concatenate([start_q_w[:, None], goal_q_w], axis=1),
+        )
+        self._person = person_capsules(people, scene.posture)
+
+    def __call__(
+        self, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
+    ) -> FloatArray:
+        """Costs (n, K) in metres of K initial states, see ``base_search.PathCost``.
+
+        The cost is the sum of the largest deviation from the path, of the missing distance from person and furniture,
+        and of the missing distance from joint limits.
+        """
+        count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
+        world: IntArray = np.repeat(np.arange(count), each)
+        base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
+        to_base = transforms.invert(*base_w)
+        clearance = Clearance(self._scene, self._chain, *base_w)
+        segments_w, radii_m = (part[world] for part in self._person)
+        joints = joint_positions.reshape(len(world), -1)
+        lower, upper, units = self._chain.lower, self._chain.upper, self._chain.units
+        error_m, gap_m = np.zeros(len(world)), np.full(len(world), MARGIN_M)
+        limit_rad = np.full(len(world), LIMIT_MARGIN_RAD)
+        for pos_w, q_w in zip(*self._path, strict=True):
+            pos, q = transforms.compose(*to_base, pos_w[world], q_w[world])
+            found = kinematics.solve(self._chain, pos, q, joints, iterations=ITERATIONS, precision=np.float32)
+            joints = found.joint_positions
+            excess_m = np.maximum(found.position_error_m - ALLOWED_ERROR_M, 0.0)
+            excess_rad = np.maximum(found.rotation_error_rad - ALLOWED_ERROR_RAD, 0.0)
+            error_m = np.maximum(error_m, excess_m + kinematics.METRES_PER_RADIAN * excess_rad)
+            within = np.minimum(joints - lower, upper - joints) / units
+            limit_rad = np.minimum(limit_rad, within.min(axis=-1))
+            gap = clearance.min_distance_m(joints[:, None], segments_w, radii_m, tool=False)[:, 0]
+            gap_m = np.minimum(gap_m, gap)
+        missing_rad = LIMIT_MARGIN_RAD - limit_rad
+        cost = error_m + MARGIN_M - gap_m + kinematics.METRES_PER_RADIAN * missing_rad
+        return cost.reshape(count, each)
+
+    def best_posture(
+        self, base_pos_w: FloatArray, yaw_rad: float, joint_positions: FloatArray, uniforms: FloatArray
+    ) -> FloatArray:
+        """Returns the joint positions (n, J) of the tool's start pose with the lowest cost.
+
+        The first candidate is the given one (n, J). Inverse kinematics from random poses around it finds the others.
+        """
+        count, joints = int(joint_positions.shape[0]), int(joint_positions.shape[1])
+        shares = uniforms[:, : (POSTURES - 1) * joints].reshape(count, -1, joints)
+        around = kinematics.RESTART_SPREAD_RAD * self._chain.units * (2.0 * shares - 1.0)
+        starts = joint_positions[:, None] + np.concatenate([np.zeros((count, 1, joints)), around], axis=1)
+        each = int(starts.shape[1])
+        world: IntArray = np.repeat(np.arange(count), each)
+        yaw = np.full((count, each), yaw_rad)
+        base_w = base_pos_w[world], transforms.from_axis_angle([0.0, 0.0, 1.0], yaw.reshape(-1))
+        pos, q = transforms.compose(*transforms.invert(*base_w), *(part[0][world] for part in self._path))
+        found = kinematics.solve(self._chain, pos, q, starts.reshape(-1, joints))
+        candidates = kinematics.wrap_angles(self._chain, found.joint_positions).reshape(starts.shape)
+        cost = self(base_w[0].reshape(count, each, 3), yaw, candidates)
+        return candidates[np.arange(count), cost.argmin(axis=-1)]
+
+
+def _interpolated(pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns poses on the lines between P poses, (n, P, 3) and (n, P, 4): (W, n, 3) and (W, n, 4)."""
+    way = pos_w[:, 1:] - pos_w[:, :-1]
+    turn = transforms.to_rotation_vector(transforms.multiply(q_w[:, 1:], transforms.conjugate(q_w[:, :-1])))
+    found_pos, found_q = [pos_w[:, 0]], [q_w[:, 0]]
+    for part in range(way.shape[1]):
+        for share in np.arange(1, STEPS + 1) / STEPS:
+            found_pos.append(pos_w[:, part] + share * way[:, part])
+            found_q.append(
+                transforms.multiply(transforms.from_rotation_vector(share * turn[:, part]), q_w[:, part])
+            )
+    return np.stack(found_pos), np.stack(found_q)

@@ -1,0 +1,55 @@
+"""Motions that are rehearsed before an episode: their cost, and the initial states that follow from it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from avrgym.geometry import transforms
+from avrgym.tasks import placement
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.rehearsal import MARGIN_M, Rehearsal
+
+CROWDED_WORLDS = [7, 15, 29]
+"""People next to whom the base with the highest isotropy leads to a contact of the Panda's links."""
+
+
+def reset_episodes(robot: str, worlds: list[int]) -> Episodes:
+    episodes = Episodes(f"avrgym/Dressing{robot}-v1", len(worlds), people="revised", num_threads=1)
+    episodes.reset(np.arange(len(worlds)), [np.random.default_rng([9, world]) for world in worlds])
+    return episodes
+
+
+def cost_m(episodes: Episodes, goal_w: np.ndarray) -> np.ndarray:
+    """Cost (N,) of moving the tools from their present poses to points (N, 3) without a turn."""
+    state, chain = episodes.state(), placement.planning_chain(episodes.scene)
+    q_w = state.tool_q_w
+    rehearsal = Rehearsal(
+        episodes.scene, chain, episodes.people, state.tool_pos_w, q_w, goal_w[:, None], q_w[:, None]
+    )
+    base_w, base_q_w = episodes.simulation.robot_base()
+    yaw_rad = transforms.to_rotation_vector(base_q_w)[:, 2:]
+    return rehearsal(base_w[:, None], yaw_rad, episodes.simulation.joint_positions()[:, None])[:, 0]
+
+
+def test_a_path_through_the_person_or_out_of_reach_costs_more() -> None:
+    episodes = reset_episodes("Panda", [0, 1])
+    state = episodes.state()
+    chest_w = state.person_segment_w[:, 2].mean(axis=1)
+    assert (cost_m(episodes, state.tool_pos_w) < MARGIN_M).all()
+    assert (cost_m(episodes, chest_w) > 2.0 * MARGIN_M).all()
+    assert (cost_m(episodes, state.tool_pos_w + np.array([0.0, 0.0, 2.0])) > 0.5).all()
+
+
+def test_the_arm_keeps_clear_of_the_person_on_the_whole_path() -> None:
+    """Without the rehearsal, links of the Panda press on these people with 80 N and more."""
+    episodes = reset_episodes("Panda", CROWDED_WORLDS)
+    expert = episodes.task.expert(episodes)
+    for _ in range(50):
+        episodes.step(expert(episodes.observe()))
+        assert_array_equal(episodes.state().links_force_n, 0.0)
+
+
+@pytest.mark.parametrize("robot", ["Panda", "Gen3"])
+def test_an_initial_state_has_the_same_bits_alone_and_among_others(robot: str) -> None:
+    together, alone = reset_episodes(robot, [0, 1, 2, 3]), reset_episodes(robot, [2])
+    assert_array_equal(together.simulation.integration_state(2), alone.simulation.integration_state(0))
