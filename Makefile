@@ -5,6 +5,7 @@ PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 py
 	$(shell command -v $(name) >/dev/null && $(name) -c \
 	'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 TORCH ?= torch==2.13.0
+TYPED := src tests
 DONE := .venv/stamps
 # Twice quiet: errors only. Warnings about package sources concern the machine, not this project.
 PIP_INSTALL := .venv/bin/python -m pip install -qq --disable-pip-version-check
@@ -30,14 +31,16 @@ help: ## list the targets
 demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
 	@.venv/bin/avrgym demo
 
-# The other checks use the processor time that waiting tests leave.
-test: setup ## linters, types, the client's tests, and all tests but slow ones
-	@nice -n 5 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
+# The other checks use the processor time that waiting tests leave. A run shows most wrong types of a test.
+test: setup ## linters, types of the package, the client's tests, and all tests but slow ones
+	@nice -n 5 $(MAKE) --no-print-directory TYPED=src lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
 	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m 'not slow'; \
 	tests=$$?; wait $$checks; checks=$$?; cat .venv/checks.log; exit $$((tests | checks))
 
-test-slow: setup ## user journeys, trainings and kills that take more than a second each
-	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m slow
+test-slow: setup ## types of tests; user journeys, trainings and kills that take more than a second each
+	@nice -n 5 .venv/bin/pyright tests > .venv/types.log 2>&1 & types=$$!; \
+	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m slow; \
+	tests=$$?; wait $$types; types=$$?; cat .venv/types.log; exit $$((tests | types))
 
 client-test: $(CLIENT) ## the client's tests
 	cd client && npm test
@@ -61,7 +64,7 @@ format: $(DONE)/test ## sort imports, format, and fix what ruff can
 lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
-	.venv/bin/pyright
+	.venv/bin/pyright $(TYPED)
 	.venv/bin/lint-imports --no-logo --no-cache
 
 docs: setup ## build the site into build/site, check its links, run its commands and code blocks

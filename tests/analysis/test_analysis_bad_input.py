@@ -12,8 +12,9 @@ from typer.testing import CliRunner, Result
 
 from avrgym.analysis import study
 from avrgym.analysis.biomechanics import training_people
+from avrgym.analysis.figures import draw_figures
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.recording.configuration import Versions
 from avrgym.study.people.deletion import delete_participant
@@ -23,7 +24,14 @@ from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import enrol_included, random_answer, read_table, record_trial, run_trials
+from helpers.studies.known_results import (
+    enrol_included,
+    random_answer,
+    read_table,
+    record_trial,
+    run_trials,
+    write_without_figures,
+)
 from helpers.studies.small_studies import make_study
 
 STORED = "reward and success come from the database"
@@ -51,7 +59,7 @@ def words(store: Store, tmp_path: Path) -> Callable[[], str]:
     """Analyses the study; gives all words of the page."""
 
     def analysed() -> str:
-        page = write_analysis(analyse(store), store.folder, tmp_path / "out")
+        page = write_without_figures(analyse(store), store.folder, tmp_path / "out")
         return " ".join(Page(page).text.split())
 
     return analysed
@@ -91,8 +99,9 @@ def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]
 # Little data
 
 
-def test_an_empty_study(words: Callable[[], str], tmp_path: Path) -> None:
-    assert "There are no participants yet." in words()
+def test_an_empty_study(store: Store, tmp_path: Path) -> None:
+    page = write_analysis(analyse(store), store.folder, tmp_path / "out")
+    assert "There are no participants yet." in Page(page).text
     for path in (tmp_path / "out" / "tables").glob("*.csv"):
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
         assert rows[0], path.name
@@ -145,6 +154,7 @@ def test_a_trial_without_its_partner_is_left_out_of_pairs(
 class Broken:
     """The analysis of a study in which every trial but one has something else that is wrong."""
 
+    analysis: Analysis
     words: str
     out: Path
 
@@ -166,11 +176,11 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
         rewrite(store, "sub-004", 1, other_course=9)
         for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
             take_as_recorded(store, pseudonym, position)
-        page = write_analysis(analyse(store), store.folder, folder / "out")
-    return Broken(" ".join(Page(page).text.split()), folder / "out")
+        analysis = analyse(store)
+        page = write_without_figures(analysis, store.folder, folder / "out")
+    return Broken(analysis, " ".join(Page(page).text.split()), folder / "out")
 
 
-@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("participant", "position", "recorded", "said"),
     [
@@ -220,7 +230,11 @@ def test_the_rest_of_the_analysis_still_comes(broken: Broken) -> None:
     assert all(row["reward"] for row in rows)
     assert [bool(row["head_z_m"]) for row in rows] == [False] * 3 + [True, False, False, True, True]
     assert "No time series: the recording is missing." in broken.words
-    assert {path.stem for path in (broken.out / "figures").iterdir()} >= {
+
+
+@pytest.mark.slow
+def test_figures_show_what_can_be_read(broken: Broken) -> None:
+    assert {each.name for each in draw_figures(broken.analysis)} >= {
         "likert-people",
         "head-positions-simulated",
     }
@@ -279,19 +293,20 @@ def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(
-    store: Store, words: Callable[[], str], tmp_path: Path
-) -> None:
-    words()
+def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(store: Store, tmp_path: Path) -> None:
+    def write() -> None:
+        write_analysis(analyse(store), store.folder, tmp_path / "out")
+
+    write()
     own = tmp_path / "out" / "figures" / "mine.svg"
     own.write_text("mine")
     run_trials(store, enrol_included(store))
-    words()
+    write()
     assert own.read_text() == "mine"
     assert len(read_table(tmp_path / "out", "trials")) == 2
     made = (tmp_path / "out" / "figures" / "likert-simulated.svg").exists()
     delete_participant(store, "sub-001")
-    words()
+    write()
     assert (made, (tmp_path / "out" / "figures" / "likert-simulated.svg").exists()) == (True, False)
 
 

@@ -7,14 +7,19 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import STEPS, enrol_included, read_table, run_trials
+from helpers.studies.known_results import (
+    STEPS,
+    enrol_included,
+    read_table,
+    run_trials,
+    write_without_figures,
+)
 from helpers.studies.small_studies import make_study
 
 PLANNED = ["L1 against the middle, by participant", "policies, by participant"]
@@ -37,7 +42,7 @@ def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
     """The analysis, and the words of its page."""
     with Store(folder) as store:
         analysis = analyse(store)
-        return analysis, " ".join(Page(write_analysis(analysis, folder, out)).text.split())
+        return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
 def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp_path: Path) -> None:

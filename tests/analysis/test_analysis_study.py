@@ -72,7 +72,6 @@ def only(frame: Frame, **values: Any) -> Frame:
 # What counts
 
 
-@pytest.mark.slow
 def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Frame]) -> None:
     trials, attempts = tables["trials"], tables["attempts"]
     assert len(trials) == 5 * (PEOPLE + SIMULATED + 2)
@@ -88,7 +87,6 @@ def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Fr
     assert missing.to_dict() == {"sub-009": 2, "sub-010": 3} | {f"sub-{n:03}": 0 for n in range(1, 9)}
 
 
-@pytest.mark.slow
 def test_every_table_says_what_was_simulated(tables: dict[str, Frame]) -> None:
     assert all("simulated" in table.columns for table in tables.values())
     assert tables["people"]["simulated"].all()

@@ -14,7 +14,6 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.designs import describe_by_design
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import Answer
@@ -29,7 +28,13 @@ from avrgym.study.storage.session_designs import session_designs
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import ITEMS, enrol_included, record_trial, run_trials
+from helpers.studies.known_results import (
+    ITEMS,
+    enrol_included,
+    record_trial,
+    run_trials,
+    write_without_figures,
+)
 from helpers.studies.small_studies import make_study
 
 EDITS = {
@@ -93,7 +98,7 @@ def analysis(folder: Path) -> Analysis:
 @pytest.fixture(scope="module")
 def out(folder: Path, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("out")
-    write_analysis(analysis, folder, out)
+    write_without_figures(analysis, folder, out)
     return out
 
 
@@ -102,7 +107,6 @@ def tables(out: Path) -> dict[str, Frame]:
     return {path.stem: pd.read_csv(path) for path in (out / "tables").glob("*.csv")}
 
 
-@pytest.mark.slow
 def test_no_answer_is_lost(tables: dict[str, Frame]) -> None:
     counted = tables["answers"].query("counted")
     assert len(counted) == 4 * 4 * len(ITEMS)

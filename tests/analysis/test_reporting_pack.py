@@ -29,7 +29,7 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import enrol_included, run_trials
+from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
 from helpers.studies.small_studies import eligible_answers, small_study
 
 PEOPLE = 5
@@ -64,7 +64,7 @@ def analysis(store: Store) -> Analysis:
 @pytest.fixture(scope="module")
 def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
-    write_analysis(analysis, store.folder, folder)
+    write_without_figures(analysis, store.folder, folder)
     return folder
 
 
@@ -75,7 +75,6 @@ def words_of(drawing: Drawing) -> str:
     return " ".join(" ".join(ET.fromstring(drawing.svg()).itertext()).split())
 
 
-@pytest.mark.slow
 def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
     people, simulated = analysis.flows
     assert (people.simulated, simulated.simulated) == (False, True)
@@ -103,7 +102,6 @@ def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
     assert simulated.enrolled == simulated.completed == 1
 
 
-@pytest.mark.slow
 def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -> None:
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
@@ -121,7 +119,6 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
 # Words
 
 
-@pytest.mark.slow
 def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
     enrolled, _, _, analysed = flow_steps(analysis.flows[0])

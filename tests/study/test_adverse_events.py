@@ -11,7 +11,6 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.adverse_events import describe_adverse_events
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli import app
 from avrgym.study.export import FORMATS, WITH_RECORDS, export_study
@@ -30,6 +29,7 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from helpers.studies.known_results import write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 SECRET = "Grace-Unverwechselbar"
@@ -234,7 +234,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
 
 @pytest.mark.slow
 def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None:
-    write_analysis(analyse(store), store.folder, tmp_path / "none")
+    write_without_figures(analyse(store), store.folder, tmp_path / "none")
     page = (tmp_path / "none" / "report" / "index.html").read_text()
     assert "No adverse events were recorded." in page
     assert read(tmp_path / "none" / "tables" / "adverse_events.csv") == []
@@ -247,7 +247,7 @@ def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None
     assert describe_adverse_events(analysis) == (
         "3 adverse events in 2 of 2 people; 0 serious, 2 possibly, probably or definitely related to the study."
     )
-    write_analysis(analysis, store.folder, tmp_path / "some")
+    write_without_figures(analysis, store.folder, tmp_path / "some")
     page = (tmp_path / "some" / "report" / "index.html").read_text()
     assert describe_adverse_events(analysis) in (tmp_path / "some" / "reporting" / "methods.md").read_text()
     assert SECRET not in page

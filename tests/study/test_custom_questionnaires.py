@@ -24,7 +24,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import enrol_included, record_trial
+from helpers.studies.known_results import enrol_included, record_trial, write_without_figures
 from helpers.studies.small_studies import make_study
 
 LOAD = """
@@ -207,7 +207,7 @@ def test_later_of_two_answers_counts(store: Store, tmp_path: Path) -> None:
         (row.moment, row.value) for row in analysis.observed.answers if row.item == "S_1" and row.counted
     ]
     assert counted == [("before_session", 3), ("after_session", 4)]
-    page = write_analysis(analysis, store.folder, tmp_path / "out")
+    page = write_without_figures(analysis, store.folder, tmp_path / "out")
     assert "sub-001 answered S_1 before session more than once, in sessions 1 and 2" in words(page)
 
 

@@ -9,7 +9,6 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.recording.reader import Header
@@ -22,7 +21,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
 from helpers.studies.configurations import configuration
-from helpers.studies.known_results import enrol_included, run_trials
+from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.studies.time_stamp_authority import Authority
 
@@ -86,7 +85,7 @@ def frozen_plan(folder: Path) -> FrozenPlan:
 def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
     with Store(folder) as store:
         analysis = analyse(store)
-        return analysis, " ".join(Page(write_analysis(analysis, folder, out)).text.split())
+        return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
 def trust(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:

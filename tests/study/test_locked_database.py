@@ -20,6 +20,8 @@ from avrgym.vr.protocol.messages import Command, Phase, Stop
 from helpers.studies.small_studies import enrol_with_consent, make_study, new_postgresql_database
 from helpers.vr.visit import Visit
 
+pytestmark = pytest.mark.fast_cases(1)
+"""One kind of database. Tests of what differs between kinds run with both."""
 PATIENCE_S = 60.0
 Lock = Callable[[], AbstractContextManager[None]]
 
@@ -81,6 +83,7 @@ def states(visit: StudyVisit) -> list[str]:
     return [attempt.state for attempt in visit.store.attempts(visit.pseudonym)]
 
 
+@pytest.mark.fast_cases(2)
 def test_stop_works_while_the_database_is_locked(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
     attended.calibrate()

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.study.design.design import default_text, parse_design
@@ -15,7 +14,7 @@ from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
-from helpers.studies.known_results import enrol_included
+from helpers.studies.known_results import enrol_included, write_without_figures
 from helpers.studies.small_studies import make_study
 
 LINE = "headset_check = true\n"
@@ -77,7 +76,7 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
         assert "No-go. Your head jitters at rest by 4.0 mm" in told[0]
         assert told[1].startswith("Go: the headset is ready. 72 frames a second of 72; 0.2 % dropped")
         assert not store.database.faults()
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_without_figures(analyse(store), store.folder, tmp_path / "out")
     page = (tmp_path / "out/report/index.html").read_text()
     methods = page[page.index('id="methods"') :]
     for shown in ("Checks of the headset", "some-controller", "0.2 %", "0.52 (controller)", "sub-002"):
@@ -104,7 +103,7 @@ def test_tested_stop_is_in_table_and_report(
         with StudyVisit(store, enrol_included(store, simulated=False)) as visit:
             check = msgspec.structs.replace(CHECK, stop=stop, stop_after_s=after_s)
             visit._observer()(events.HeadsetChecked(1.0, check))
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_without_figures(analyse(store), store.folder, tmp_path / "out")
     with open(tmp_path / "out/tables/headset_checks.csv", encoding="utf-8-sig", newline="") as file:
         (read,) = csv.DictReader(file)
     assert [read[name] for name in ("stop_with", "stop_worked", "stop_after_s")] == row
@@ -116,7 +115,7 @@ def test_report_without_headset_checks(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)):
             pass
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_without_figures(analyse(store), store.folder, tmp_path / "out")
     assert "Checks of the headset" not in (tmp_path / "out/report/index.html").read_text()
     assert not (tmp_path / "out/tables/headset_checks.csv").exists()
 

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
 from avrgym.questionnaires.registry import INSTRUMENTS
@@ -23,7 +22,7 @@ from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import enrol_included, record_trial
+from helpers.studies.known_results import enrol_included, record_trial, write_without_figures
 from helpers.studies.small_studies import make_study
 
 USED = """
@@ -194,7 +193,7 @@ def answer(store: Store, session: int, when: str, values: dict[str, int]) -> Non
 @pytest.fixture(scope="module")
 def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
-    write_analysis(analyse(study), study.folder, folder / "analysis")
+    write_without_figures(analyse(study), study.folder, folder / "analysis")
     export_study(study, "csv", folder / "export")
     return folder
 

@@ -317,7 +317,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
 ]
 
 
-@pytest.mark.fast_cases(6)
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize(("prepare", "words"), REFUSED)
 def test_invalid_sites_are_rejected(
     sites: list[Path], out: Path, prepare: Callable[[list[Path]], list[Path]], words: str
@@ -483,6 +483,7 @@ def test_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path,
     assert files_in(out) == before
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("in_between", [False, True])
 def test_differences_between_sites_are_notes(tmp_path: Path, in_between: bool) -> None:
     a, b = make_site(tmp_path / "a", "a"), small_study(tmp_path / "b")

@@ -44,6 +44,8 @@ from helpers.studies.small_studies import (
 from helpers.system.paths import DATA, TESTS
 from helpers.system.processes import kill_with_parent
 
+pytestmark = pytest.mark.fast_cases(1)
+"""One kind of database. Tests of what differs between kinds run with both."""
 OLD_STUDY = DATA / "study-of-0.2.0"
 ITEMS = ("L1", "L2", "L3", "L4")
 
@@ -85,6 +87,7 @@ def refused(store: Store, action: Callable[[], object], message: str) -> None:
 # The whole life
 
 
+@pytest.mark.fast_cases(2)
 def test_participant_from_enrolment_to_the_last_answer(store: Store) -> None:
     pseudonym = enrol(store, "man", age_years=24)
     record_consent(store, pseudonym)
@@ -171,6 +174,7 @@ def test_answers_about_a_session_are_separate(kind: str, tmp_path: Path) -> None
 # What may not happen
 
 
+@pytest.mark.fast_cases(len(TRANSITIONS))
 @pytest.mark.parametrize("table", TRANSITIONS)
 def test_only_defined_transitions_are_allowed(table: str) -> None:
     states = TRANSITIONS[table]
@@ -537,6 +541,7 @@ def newer(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.fast_cases(2)
 def test_migrations_create_the_tables(store: Store) -> None:
     with store.database.write() as connection:
         assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
@@ -594,6 +599,7 @@ def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
     return folder
 
 
+@pytest.mark.fast_cases(2)
 def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
     folder = study_of_0_2_0(tmp_path, kind)
     with Store(folder) as store:

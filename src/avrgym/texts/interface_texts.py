@@ -229,16 +229,17 @@ def _check(texts: Texts, where: str) -> None:
 _SELECTS = {SELECT, SELECT.capitalize()}
 
 
-def _names(text: str) -> set[str]:
+@cache
+def _names(text: str) -> frozenset[str]:
     """Returns the placeholders of a text. They include conversions and format specifications, which are not allowed."""
     try:
-        return {
+        return frozenset(
             name + (f"!{how}" if how else "") + (f":{form}" if form else "")
             for _, name, form, how in Formatter().parse(text)
             if name is not None
-        }
+        )
     except ValueError:
-        return {"{"}
+        return frozenset("{")
 
 
 def _is_toml(name: str) -> bool:

@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from msgspec.structs import asdict
 
+from avrgym.analysis import output
+from avrgym.analysis.study import Analysis
 from avrgym.models import human
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import BodyModel
@@ -131,6 +134,13 @@ def latency_of(participant: Participant) -> Latency:
 def _control(step: int, reward: float) -> Control:
     terms = {"distance_m": 0.5 / step, "action_squared": 0.25}
     return Control(step, [0.0], [0.0] * 7, reward, terms, step == STEPS, 0.5 / step, 2.0 * step)
+
+
+def write_without_figures(analysis: Analysis, study: Path, out: Path) -> Path:
+    """Write report, tables and results, which takes a third of the time with figures."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(output, "draw_figures", lambda _: [])
+        return output.write_analysis(analysis, study, out)
 
 
 def read_table(folder: Path, name: str) -> list[Mapping[str, str]]:

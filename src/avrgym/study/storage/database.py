@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Collection, Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -243,7 +244,7 @@ class Database:
     def _upgrade(self) -> None:
         with self.read() as connection:
             current = MigrationContext.configure(connection).get_current_revision()
-        if current == ScriptDirectory(str(MIGRATIONS)).get_current_head():
+        if current == _scripts(MIGRATIONS).get_current_head():
             return
         if self.read_only and not self.is_sqlite:
             raise StudyError(f"{self._folder} cannot be written, and the study's tables must be upgraded")
@@ -271,19 +272,16 @@ class Database:
         return FILE if self.is_sqlite else "the database of PostgreSQL"
 
     def _migrate(self, connection: sa.Connection) -> None:
-        scripts = ScriptDirectory(str(MIGRATIONS))
+        scripts, context = _scripts(MIGRATIONS), MigrationContext.configure(connection)
         known = sorted({*UNRELEASED_REVISIONS, *(script.revision for script in scripts.walk_revisions())})
-        current = MigrationContext.configure(connection).get_current_revision()
+        current = context.get_current_revision()
         if current == scripts.get_current_head():
             return
-        configuration = Config()
-        configuration.set_main_option("script_location", str(MIGRATIONS))
-        configuration.attributes["connection"] = connection
         if current is None:
             if not self._rebuild:
                 _refuse_if_lost(self._folder, self._called)
             METADATA.create_all(connection)
-            stamp(configuration, "head")
+            context.stamp(scripts, "head")
             return
         if current not in known:
             raise StudyError(
@@ -292,6 +290,9 @@ class Database:
             )
         if not self.read_only:
             self._back_up(connection, current)
+        configuration = Config()
+        configuration.set_main_option("script_location", str(MIGRATIONS))
+        configuration.attributes["connection"] = connection
         if current in UNRELEASED_REVISIONS:
             stamp(configuration, OLDEST_REVISION, purge=True)
         upgrade(configuration, "head")
@@ -306,6 +307,11 @@ class Database:
             sqlite.back_up(self._path, path)
         else:
             write_new(path, json.dumps(_all_rows(connection)))
+
+
+@cache
+def _scripts(folder: Path) -> ScriptDirectory:
+    return ScriptDirectory(str(folder))
 
 
 def database_url(configured: str) -> str:

@@ -4,6 +4,7 @@ import os
 import socket
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
@@ -327,7 +328,7 @@ def find_trial(connection: sa.Connection, session: StudySession, position: int) 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
     """All rows with these values, ordered by primary key."""
     table = TABLES[kind]
-    names = list(get_type_hints(kind))
+    names = _columns(kind)
     query = sa.select(*(table.c[name] for name in names))
     query = query.where(*(table.c[name] == value for name, value in key.items()))
     try:
@@ -335,6 +336,11 @@ def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row
         return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
     except ValueError as error:
         raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
+
+
+@cache
+def _columns(kind: type) -> tuple[str, ...]:
+    return tuple(get_type_hints(kind))
 
 
 def change_state(
