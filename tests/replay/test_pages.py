@@ -132,7 +132,7 @@ def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
         page.wait_for_load_state("networkidle")
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("page_name", ["", "spectator"])
 def test_a_page_that_cannot_draw_says_so(
     playwright: Playwright, server: LiveServer[Session], page_name: str

@@ -58,7 +58,7 @@ def test_a_wheel_in_an_empty_environment(lab: Path) -> None:
     wheel.chmod(0o644)
     run(lab, PYTHON, "-m", "venv", "env")
     run(lab, "pip", "install", "--quiet", "--no-cache-dir", f"{wheel}[study]")
-    assert "faults: 0" in run(lab, "avrgym", "doctor")
+    assert "errors: 0" in run(lab, "avrgym", "doctor")
     assert "page      demo/FeedingJaco.html" in run(lab, "avrgym", "demo", "--out", "demo")
     assert (lab / "demo" / "FeedingJaco.html").stat().st_size > 100_000
     run(lab, "avrgym", "study", "new", "studie")
