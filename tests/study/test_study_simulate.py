@@ -145,7 +145,7 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
         simulated_participant(store, 0, DryRun(SEED))
     with (
         Store(folder) as store,
-        pytest.raises(StudyError, match="'simulated with seed 5'; allowed: the same seed"),
+        pytest.raises(StudyError, match=r"'simulated with seed 5, motion 2', not .*allowed: the same seed"),
     ):
         simulated_participant(store, 0, DryRun(SEED + 1))
     with Store(folder) as store:
@@ -155,10 +155,10 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
 
 def test_other_population_does_not_continue_earlier_participants(folder: Path) -> None:
     zoo = find_dry_run(SEED, "zoo/unseen", "tremor")
-    assert str(zoo) == f"simulated with seed {SEED}, people zoo/unseen, impairment tremor"
+    assert str(zoo) == f"simulated with seed {SEED}, motion 2, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
         simulated_participant(store, 0, zoo)
-        with pytest.raises(StudyError, match="allowed: the same seed and people"):
+        with pytest.raises(StudyError, match="allowed: the same seed, people and motion"):
             simulated_participant(store, 0, DryRun(SEED))
 
 

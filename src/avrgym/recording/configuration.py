@@ -134,6 +134,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     furniture: RealFurniture
     reward_weights: dict[str, float]
     items: Annotated[tuple[Item, ...], Meta(description="The questions after the trial, in order.")]
+    motion_version: Annotated[
+        int, Meta(description="Version of the motion of simulated participants. 2: `people.motor`.")
+    ] = 1
     versions: Versions
     plugins: tuple[UsedPlugin, ...]
     world_version: Annotated[int, Meta(description="Replay needs the same version of the simulated world.")]

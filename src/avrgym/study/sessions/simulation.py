@@ -14,6 +14,7 @@ import numpy as np
 
 from avrgym.models.human import SEXES
 from avrgym.people import impairments
+from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import Impairment
 from avrgym.people.populations import Population, find_populations, population_label
 from avrgym.policies.registry import HumanOperator
@@ -56,7 +57,7 @@ class DryRun:
     impairment: Impairment = "none"
 
     def __str__(self) -> str:
-        words = f"simulated with seed {self.seed}"
+        words = f"simulated with seed {self.seed}, motion {MOTION_VERSION}"
         words += "" if self.people == "participants" else f", people {population_label(self.people)}"
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
@@ -64,9 +65,13 @@ class DryRun:
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
     """Settings of a dry run, from the names of a population and an impairment.
 
-    Raises ``ValueError`` for unknown names.
+    Raises ``ValueError`` for unknown names, and for another version of the motion.
     """
-    return DryRun(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
+    populations = find_populations(people, TASKS)
+    if any(each.distribution.motion_version != MOTION_VERSION for each in populations):
+        name = people.partition("@")[0]
+        raise ValueError(f"dry runs do not move {people}; allowed: {name}")
+    return DryRun(seed, people, populations, impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -208,7 +213,9 @@ def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRun) -> None:
     if not notes:
         add_note(store, pseudonym, note)
     elif notes[0] != note:
-        raise StudyError(f"{pseudonym} is {notes[0]!r}; allowed: the same seed and people")
+        raise StudyError(
+            f"{pseudonym} is {notes[0]!r}, not {note!r}; allowed: the same seed, people and motion"
+        )
     participant = store.participant(pseudonym)
     if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):
         record_consent(store, pseudonym)

@@ -1,7 +1,8 @@
 """Simulated participants: they send the tracking frames of a headset and answer the questionnaire.
 
-They sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained policy controls
-them. Dry runs, demonstrations and tests use them. All their data are marked as simulated.
+They sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained policy chooses
+their goals, and ``people.motor`` moves them. Dry runs, demonstrations and tests use them. All their data are marked as
+simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,12 +18,13 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, RealFurniture
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_RAD, Person, Sex
-from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, TOOL
 from avrgym.networks.policy import Policy
-from avrgym.people import cooperation, distributions, impaired_motion, impairments
+from avrgym.people import cooperation, distributions, impaired_motion, impairments, motor
 from avrgym.people.clinical_impairments import motor_signs
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.impaired_motion import MotorSigns
+from avrgym.people.motor import MotorState
 from avrgym.people.population_names import Impairment
 from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
@@ -42,12 +44,14 @@ from avrgym.vr.session.attempt import AttemptResults
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 SENSOR_NOISE_M = 1e-9
 """Minimum difference between consecutive poses. Real trackers never measure identical poses."""
-TREMOR_HZ = 5.0
-"""The frequency of tremor in the environments, where joint targets alternate every 0.1 s."""
 LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
     head_x=0.0, head_z=0.0
 )
-"""Change of the joint angles (20,) with which a participant looks at the right arm. The motion takes one second."""
+"""Change of the joint angles (20,) with which a participant looks at the right arm."""
+STILL_AFTER_S = 0.5
+"""Time until sway and tremor of a participant who holds still have stopped."""
+MAX_MOTION_S = 1.0
+"""Maximum duration of the motion between two frames."""
 LENIENCY, NOISE = 0.08, 0.1
 """Standard deviations of ratings as shares of a scale: between participants, and between answers of a participant."""
 
@@ -65,7 +69,7 @@ the maximum force, speed by the difference to 0.1 m/s. The constants are assumpt
 class Traits:
     """Body and behaviour of a simulated participant.
 
-    ``sway_deg`` and ``sway_hz``: slow movement of the head. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
+    ``sway_deg`` and ``sway_hz``: slow movement of the waist. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
     the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
     ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``commands``: how they give commands.
     ``partner``: the index of a partner of the zoo, which replaces the behaviour. ``trained``: a policy, which
@@ -167,14 +171,15 @@ class SimulatedParticipant:
         self._room = Registration(
             np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
         )
-        self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
+        self._phase = random.uniform(0.0, 2.0 * np.pi, 3)[None, :2]
         self._chance = random_streams.participant_behaviour(seed).random((1, 4))
         self._action_generator = random_streams.participant_noise(seed)
         self.commands = SimulatedCommands(traits.commands, seed)
         self._gesture: tuple[Source, float] = "nod", -np.inf
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
-        self._turned = self._turned_s = 0.0
+        self._moved_s: float | None = None
+        self._moving = self._watching = False
         self._bodies: list[str] = []
         self._environment = ""
         self._offered: cooperation.OfferedPart = "mouth"
@@ -205,19 +210,23 @@ class SimulatedParticipant:
     def _rest(self, posture: human.Posture, rest_rad: FloatArray) -> None:
         traits = self.traits
         people = distributions.repeat_person(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
+        people = replace(people, tremor_rad=traits.tremor_rad[None])
         self._people = impairments.limit_joint_ranges(people, np.array([traits.range_share]))
         person = self._people.person(0)
         self._posture, self._rest_rad = posture, person.joint_angles_rad
-        self._held_rad = self._rest_rad
+        self._held_rad = self._angles_rad = self._rest_rad
+        self._sway_share = 0.0
         higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
         self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
         self._reset_behaviour()
+        self._motor = self._motor_state()
+        self._impaired_state = impaired_motion.initial_state(self._rest_rad[None])
 
     def _reset_behaviour(self) -> None:
-        """Reset the behaviour model to its initial state."""
+        """Reset the behaviour model to its initial state. The participant keeps the present pose."""
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._behaviour_state = partner_behaviour.initial_state(
@@ -228,9 +237,21 @@ class SimulatedParticipant:
             self._behaviour_state = replace(
                 mind, reaction_steps=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)])
             )
+        self._wanted_rad = self._rest_rad[None]
         self._next_look_s = -np.inf
-        self._motion = impaired_motion.initial_state(self._rest_rad[None])
-        self._moved_s: float | None = None
+
+    def _motor_state(self) -> MotorState:
+        """Returns the motor model at rest."""
+        traits, mind = self.traits, self._behaviour_state
+        if isinstance(mind, partner_behaviour.PartnerState):
+            return partner_behaviour.motor_state(mind, self._people)
+        sway_rad, none = np.radians([traits.sway_deg]), np.zeros(1)
+        rhythms = motor.rhythms_of(
+            sway_rad, np.array([traits.sway_hz]), self._phase, none, none, self._chance[:, :2]
+        )
+        return motor.initial_state(
+            self._people, rhythms if sway_rad.any() else None, np.ones(1), self._chance[:, 1:]
+        )
 
     def _observe_tool(self, state: messages.State) -> None:
         """Observe the tool ten times a second."""
@@ -240,16 +261,18 @@ class SimulatedParticipant:
         poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
         bodies, marks_w = dict(zip(self._bodies, poses, strict=False)), poses[len(self._bodies) :, :3]
         observation = self._observation(bodies)
+        mind = replace(self._behaviour_state, targets_rad=self._motor.angles_rad)
         if self.traits.trained is not None:
             self._act(self.traits.trained, observation, bodies, marks_w)
-        elif isinstance(self._behaviour_state, partner_behaviour.PartnerState):
-            self._behaviour_state = partner_behaviour.step(
-                self._behaviour_state, observation, self._offered, self._posture, self._clip_to_ranges
+        elif isinstance(mind, partner_behaviour.PartnerState):
+            self._behaviour_state, self._wanted_rad = partner_behaviour.choose_goals(
+                mind, observation, self._offered, self._posture
             )
         else:
-            self._behaviour_state = cooperation.update_targets(
-                self._behaviour_state, observation, self._offered, self._posture
+            self._behaviour_state, self._wanted_rad = cooperation.choose_goals(
+                mind, self._wanted_rad, observation, self._offered, self._posture
             )
+        self._aim()
 
     def _act(
         self,
@@ -277,10 +300,9 @@ class SimulatedParticipant:
             tool_force_n=np.zeros(1),
         )
         action = trained.act(self._view.of(seen), [self._action_generator])
-        targets = partner_behaviour.steer_targets(
-            self._behaviour_state.targets_rad, cooperation.OFFERED_JOINTS[self._offered], action.astype(float)
-        )
-        self._behaviour_state = replace(self._behaviour_state, targets_rad=self._clip_to_ranges(targets))
+        joints = cooperation.OFFERED_JOINTS[self._offered]
+        targets = partner_behaviour.steer_targets(self._wanted_rad, joints, action.astype(float))
+        self._wanted_rad = self._clip_to_ranges(targets)
 
     def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
         """Returns the observation, from the poses (7,) of bodies by name."""
@@ -296,12 +318,10 @@ class SimulatedParticipant:
 
         With ``watching`` the participant looks at the arm, if the task is at the arm.
         """
-        angles, way_s = self._joint_angles(time_s, moving), time_s - self._turned_s
-        wanted = float(watching and self._offered == "arm")
-        self._turned += float(np.clip(wanted - self._turned, -way_s, way_s))
-        self._turned_s = time_s
-        if self._turned:
-            angles = self._clip_to_ranges((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
+        if (moving, watching) != (self._moving, self._watching):
+            self._moving, self._watching = moving, watching
+            self._aim()
+        angles = self._move_until(time_s)
         pitch, yaw = gesture_rad(self._gesture[0], time_s - self._gesture[1])
         if pitch or yaw:
             angles = angles.copy()
@@ -335,29 +355,43 @@ class SimulatedParticipant:
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
-    def _joint_angles(self, time_s: float, moving: bool) -> FloatArray:
-        if not moving:
-            return self._rest_rad
-        traits, mind = self.traits, self._behaviour_state
-        brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
-        if isinstance(mind, partner_behaviour.PartnerState):
-            angles = self._rest_rad + brought + partner_behaviour.oscillation_rad(mind)[0]
-        elif traits.trained is not None:
-            angles = self._rest_rad + brought
-        else:
-            angles = self._rest_rad + traits.cooperation * brought + self._posture_offsets(time_s)
-        trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)
-        return self._clip_to_ranges(self._impaired((angles + trembling)[None], time_s))[0]
+    def _aim(self) -> None:
+        """Set the goal of the motor model: rest, or the joint angles that the participant wants."""
+        traits, mind, startled = self.traits, self._behaviour_state, None
+        goal = self._rest_rad[None]
+        if self._moving:
+            way = traits.strength_share * (self._wanted_rad - goal)
+            if isinstance(mind, partner_behaviour.PartnerState):
+                startled = partner_behaviour.are_startled(mind)
+            elif traits.trained is None:
+                way = traits.cooperation * way + self._stance_rad()
+            goal = goal + way
+        if self._watching and self._offered == "arm":
+            goal = goal + LOOKING_AT_ARM_RAD
+        self._motor = motor.set_goal(self._motor, self._clip_to_ranges(goal), startled)
 
-    def _impaired(self, joint_angles_rad: FloatArray, time_s: float) -> FloatArray:
+    def _move_until(self, time_s: float) -> FloatArray:
+        """Returns the joint angles (20,) at a time. The motion advances in steps of 10 ms."""
+        if self._moved_s is None or time_s - self._moved_s > MAX_MOTION_S:
+            self._moved_s = time_s - (0.0 if self._moved_s is None else MAX_MOTION_S)
+        steps = int((time_s - self._moved_s) / PHYSICS_STEP_S + 1e-6)
+        if steps > 0:
+            passed_s = steps * PHYSICS_STEP_S
+            self._moved_s += passed_s
+            self._motor, targets = motor.next_targets_rad(self._motor, steps)
+            change = passed_s / STILL_AFTER_S
+            self._sway_share += float(np.clip(float(self._moving) - self._sway_share, -change, change))
+            moved = self._motor.angles_rad
+            angles = moved + self._sway_share * (targets[-1] - moved)
+            self._angles_rad = self._clip_to_ranges(self._impaired(angles, min(passed_s, CONTROL_STEP_S)))[0]
+        return self._angles_rad
+
+    def _impaired(self, joint_angles_rad: FloatArray, step_s: float) -> FloatArray:
         """Returns the angles (1, 20) that the participant executes, with the signs of a clinical impairment."""
         if self.traits.signs is None:
             return joint_angles_rad
-        passed_s = time_s - self._moved_s if self._moved_s is not None else 0.0
-        self._moved_s = time_s
-        step_s = min(max(passed_s, impaired_motion.INTEGRATION_STEP_S), CONTROL_STEP_S)
-        self._motion, executed = impaired_motion.step(
-            self.traits.signs, self._motion, joint_angles_rad, self._rest_rad[None], step_s
+        self._impaired_state, executed = impaired_motion.step(
+            self.traits.signs, self._impaired_state, joint_angles_rad, self._rest_rad[None], step_s
         )
         return executed
 
@@ -365,22 +399,16 @@ class SimulatedParticipant:
         """Returns joint angles (1, 20) clipped to the participant's joint ranges."""
         return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
-    def _posture_offsets(self, time_s: float) -> FloatArray:
-        """Returns the change of the joint angles (20,) by lean, sway and arm posture."""
+    def _stance_rad(self) -> FloatArray:
+        """Returns the change of the joint angles (20,) by lean and arm posture."""
         traits = self.traits
-        wave = traits.sway_deg * np.sin(
-            2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
+        stance = human.joint_angles(
+            waist_x=traits.lean_deg,
+            head_x=-traits.lean_deg,
+            right_shoulder_x=-10.0 + traits.arm_deg,
+            left_shoulder_x=-10.0 + traits.arm_deg,
         )
-        lean = traits.lean_deg * min(1.0, time_s / 2.0)
-        swaying = human.joint_angles(
-            waist_x=lean + wave[0],
-            waist_y=0.5 * wave[1],
-            head_x=-lean,
-            head_z=2.0 * wave[2],
-            right_shoulder_x=-10.0 + traits.arm_deg + wave[1],
-            left_shoulder_x=-10.0 + traits.arm_deg - wave[1],
-        )
-        return swaying - SEATED_RAD
+        return stance - SEATED_RAD
 
     def _measure(self, part: str, pose: XRPose) -> XRPose:
         """Returns the measured pose, which differs at least slightly from the previous one."""

@@ -11,6 +11,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.models.body_names import PARTS
+from avrgym.people.motor import MOTION_VERSION
 from avrgym.recording import schema
 from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, Versions
 from avrgym.recording.reader import RecordingError
@@ -258,6 +259,7 @@ def configuration(
         attempt=attempt,
         steps=plan.trial_steps,
         simulated=plan.simulated,
+        motion_version=MOTION_VERSION,
         person=BodyModel(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale),
         start_rad=tuple(person.joint_angles_rad.tolist()),
         start=world.start,
