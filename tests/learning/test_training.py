@@ -17,7 +17,7 @@ import torch
 from avrgym.cli.main import app
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import recurrent_recipe, training
-from avrgym.learning.configuration import FeedforwardConfiguration, Pairing, RecurrentConfiguration
+from avrgym.learning.configuration import FeedforwardConfiguration, Pairing, RecurrentConfiguration, store
 from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
 from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
 from avrgym.learning.normaliser import Normaliser, observation_of
@@ -357,6 +357,17 @@ def test_a_training_of_an_earlier_version_resumes(tmp_path):
     before = stored_configuration(folder)
     resume(folder, steps=before.steps + before.update_steps)
     assert stored_configuration(folder).steps == before.steps + before.update_steps
+
+
+def test_people_of_an_earlier_training_move_as_before(tmp_path):
+    for configuration, before in ((TINY, "zoo/train@1"), (LONG, "revised")):
+        store(configuration, tmp_path)
+        assert stored_configuration(tmp_path) == configuration
+        path = tmp_path / "configuration.json"
+        values = json.loads(path.read_text())
+        del values["motion_version"]
+        path.write_text(json.dumps(values))
+        assert stored_configuration(tmp_path).people == before
 
 
 @pytest.mark.parametrize("stored", [{}, {"learning_version": 1}, {"learning_version": 3}])

@@ -10,6 +10,7 @@ import msgspec
 from avrgym.learning.hyperparameters import RECURRENT, VISUAL, Hyperparameters, hyperparameters_of
 from avrgym.networks.policy import FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
+from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ORIGINAL, REVISED, TRAIN_ZOO
 from avrgym.people.populations import is_trained, transferred_people
 from avrgym.system.engines import THREADS
@@ -56,6 +57,7 @@ class TrainingConfiguration:
 
     ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
     force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
+    ``motion_version`` is that of people whose name contains no version.
     """
 
     environment: str
@@ -68,6 +70,7 @@ class TrainingConfiguration:
     withdraw_after_success: bool = False
     settings: Settings = DEFAULTS
     episode_steps: int = EPISODE_STEPS
+    motion_version: int = MOTION_VERSION
 
     @property
     def update_steps(self) -> int:
@@ -265,7 +268,8 @@ def contains_training(out: Path) -> bool:
 
 
 def stored_configuration(out: Path) -> AnyConfiguration:
-    """Read the configuration of the training in ``out``. Files of version 0.2 are accepted too.
+    """Read the configuration of the training in ``out``. Files of version 0.2 are accepted too; people move in them as
+    in version 1 of the motion.
 
     Raises:
         ValueError: if ``out`` contains no training, or a training of another learning version.
@@ -285,10 +289,24 @@ def stored_configuration(out: Path) -> AnyConfiguration:
         )
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(f"{path}: {error}") from error
+    if "motion_version" not in stored and _people_move(configuration):
+        configuration = replace(configuration, people=f"{configuration.people}@1")
     version = stored.get("learning_version") if kind is FeedforwardConfiguration else LEARNING_VERSION
     if version != LEARNING_VERSION:
         raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
     return configuration
+
+
+def _people_move(configuration: AnyConfiguration) -> bool:
+    """Whether a training with a population without a version meets people who move."""
+    named = NAMED_DISTRIBUTIONS.get(configuration.people)
+    if named is None or "@" in configuration.people:
+        return False
+    return (
+        named.moving
+        or not isinstance(configuration, FeedforwardConfiguration)
+        or configuration.impairment != "none"
+    )
 
 
 def store_people(people: str, out: Path) -> None:
