@@ -1,6 +1,7 @@
 """Evaluates packaged policies with every population: held-out ones, impaired ones, and with the force guard.
 
     python research/partners.py measure [KIND ...]   evaluates what has no results yet, of `adaptive` by default
+    python research/partners.py clinical             the same for adaptive policies and people with clinical impairments
     python research/partners.py guard                prints results with and without the force guard
 
 Episodes are of the test split, seed 0. Results are in `research/partners.json`; the reference of policies shows them.
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import Evaluation, evaluate_all
-from avrgym.people.population_names import IMPAIRMENTS
+from avrgym.people.population_names import REFERENCE_IMPAIRMENTS, SEVERITIES
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import add, chosen, name_of, read, success_and_force
@@ -20,7 +21,8 @@ from papers_results import row, short
 
 SEED = 0
 EPISODES, FEWER = 1000, 100
-"""Of Adaptive policies and of the others; some results of Adaptive policies have fewer episodes."""
+"""Of Adaptive policies and of the others; some results of Adaptive policies have fewer episodes. ``FEWER`` also with
+clinical impairments."""
 
 
 class Group(NamedTuple):
@@ -36,13 +38,18 @@ GROUPS = {
     "participants": Group("participants"),
     **{
         impairment: Group("participants", impairment)
-        for impairment in reversed(IMPAIRMENTS)
+        for impairment in reversed(REFERENCE_IMPAIRMENTS)
         if impairment != "none"
     },
     "guarded": Group("participants", force_guard=True),
     "revised": Group("revised"),
 }
 """By column. Impairments and the guard are with `participants`, who move."""
+CLINICAL = {
+    f"{name}:{severities[1]}": Group("participants", f"{name}:{severities[1]}")
+    for name, severities in SEVERITIES.items()
+}
+"""Clinical impairments of the middle severity."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
     "episodes", "split", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
@@ -54,6 +61,7 @@ def main() -> None:
     """Run one of the commands."""
     do = {
         "measure": measure,
+        "clinical": lambda _: measure(["adaptive"], CLINICAL, FEWER),
         "guard": lambda _: print(*guard_table(), sep="\n"),
     }
     if len(sys.argv) < 2 or sys.argv[1] not in do:
@@ -61,16 +69,16 @@ def main() -> None:
     do[sys.argv[1]](sys.argv[2:] or ["adaptive"])
 
 
-def measure(kinds: Sequence[str]) -> None:
-    """Evaluate what has no results yet."""
-    for name, (environment, kind, group) in _cells(kinds).items():
+def measure(kinds: Sequence[str], groups: Mapping[str, Group] = GROUPS, episodes: int = EPISODES) -> None:
+    """Evaluate what has no results yet, with ``episodes`` of Adaptive policies."""
+    for name, (environment, kind, group) in _cells(kinds, groups).items():
         if name not in read(FIGURES_FILE):
-            people, impairment, force_guard = GROUPS[group]
+            people, impairment, force_guard = groups[group]
             (found,) = evaluate_all(
                 [environment],
                 kind,
                 people,
-                EPISODES if kind == "adaptive" else FEWER,
+                episodes if kind == "adaptive" else FEWER,
                 SEED,
                 impairment=impairment,
                 force_guard=force_guard,
@@ -78,11 +86,11 @@ def measure(kinds: Sequence[str]) -> None:
             add(FIGURES_FILE, name, _stored(found))
 
 
-def _cells(kinds: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+def _cells(kinds: Sequence[str], groups: Mapping[str, Group]) -> dict[str, tuple[str, str, str]]:
     """Environment, kind and group of every result, by name."""
     return {
         name_of(environment, kind, group): (environment, kind, group)
-        for group in GROUPS
+        for group in groups
         for kind in kinds
         for environment in _environments(kind)
     }

@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT / "research"))
 
 from figures_file import cells, name_of, read  # noqa: E402
 from papers_results import SIMULATION, short  # noqa: E402
-from partners import FIGURES_FILE  # noqa: E402
+from partners import CLINICAL, FIGURES_FILE  # noqa: E402
 from policy_tables import settings_table  # noqa: E402
 from robots import FIGURES_FILE as ROBOTS_FILE  # noqa: E402
 
@@ -132,6 +132,17 @@ def policies() -> Lines:
         found = [figures.get(name_of(environment, kind, group)) for group in POPULATIONS]
         rows.append((short(environment), kind, _result(policy.metadata.measured), *cells(found, _result)))
     return table(("environment", "policy", "training", *POPULATIONS), rows)
+
+
+def policies_clinical() -> Lines:
+    """Success, force and exceeded limits of Adaptive policies with people who have clinical impairments."""
+    figures = read(FIGURES_FILE)
+    rows = []
+    for environment, kind, _ in _packaged():
+        found = [figures.get(name_of(environment, kind, group)) for group in CLINICAL]
+        if any(found):
+            rows.append((short(environment), *("–" if each is None else _result(each) for each in found)))
+    return table(("environment", *CLINICAL), rows)
 
 
 def _result(figures: Mapping[str, Any]) -> str:
@@ -279,8 +290,8 @@ def _text(node: ast.expr) -> str:
 TABLES = {
     each.__name__: each
     for each in (
-        environments, observations, robots, body_regions, policies, policy_training, training_settings, zoo_styles,
-        zoo_partners, instruments, evaluation, analysis_tables, errors,
+        environments, observations, robots, body_regions, policies, policies_clinical, policy_training,
+        training_settings, zoo_styles, zoo_partners, instruments, evaluation, analysis_tables, errors,
     )
 }  # fmt: skip
 """By the name of the file that they are written to."""
