@@ -20,14 +20,18 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.geoms import add_material
 from avrgym.models.human import (
     BODIES,
+    GIRTH_EXPONENTS,
     MOUTH_RISE,
     PREFIX,
     PROPORTIONS,
     SKIN_TONES,
+    People,
     Person,
     Posture,
+    Proportions,
     Sex,
     bind_frames,
+    layout_of,
 )
 
 
@@ -78,7 +82,9 @@ class Shape:
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
     """Add the skins of the scene's person. In bed the person wears no shoes."""
     _add_materials(spec, person)
-    pos, q = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
+    pos, q = bind_frames(
+        person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
+    )
     for name, shape in shapes(person, open_mouth=open_mouth):
         if name == ("feet" if posture.shoes else "shoes"):
             continue
@@ -140,11 +146,16 @@ def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
     reference_m = PROPORTIONS[person.sex].torso_height
     h = person.torso_height_m / reference_m
     old_pos, q = bind_frames(person.sex, reference_m)
-    new_pos, _ = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
+    new_pos, _ = bind_frames(
+        person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
+    )
+    girths = None if person.bmi_kg_m2 is None else _girths(person)
     placed = np.zeros((len(vertices), 3))
     for number, body in enumerate(BODIES):
         weight = np.where(drawn.bodies == number, drawn.weights, 0.0).sum(axis=1, keepdims=True)
         local = transforms.rotate(transforms.conjugate(q[body]), vertices - old_pos[body])
+        if girths is not None:
+            local = _widened(local, body, girths, PROPORTIONS[person.sex])
         placed += weight * (
             new_pos[body]
             + transforms.rotate(
@@ -152,6 +163,30 @@ def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
             )
         )
     return Shape(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
+
+
+def _girths(person: Person) -> Mapping[str, float]:
+    """Radii and breadths relative to the sex's reference, by measure."""
+    built, reference = layout_of(People.of([person])).proportions, PROPORTIONS[person.sex]
+    return {name: float(getattr(built, name)[0]) / getattr(reference, name) for name in GIRTH_EXPONENTS}
+
+
+def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: Proportions) -> FloatArray:
+    """Points in a body's frame, scaled across the body. On the torso the scale changes with height. The head keeps its
+    size."""
+    part = body.removeprefix("left_").removeprefix("right_")
+    if part == "head":
+        return local
+    if part != "torso":
+        across = girths[f"{part}_radius"]
+        return local * ([across, across, across] if part == "hand" else [across, across, 1.0])
+    shoulders = p.chest_rise + p.shoulder_rise
+    heights = [0.0, p.chest_rise, shoulders, shoulders + 0.05]
+    waist, chest, neck = (girths[f"{name}_radius"] for name in ("waist", "chest", "neck"))
+    widths = [waist, chest, girths["shoulder_side"], neck]
+    depths = [waist, chest, girths["shoulder_radius"], neck]
+    x, y = (np.interp(local[:, 2], heights, scales) for scales in (widths, depths))
+    return local * np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
 def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:

@@ -17,8 +17,9 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import shoulder_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
+from avrgym.people.measured_bodies import sample_bodies
 from avrgym.people.motor import MOTION_VERSION
-from avrgym.people.population_names import ALLOWED_PEOPLE, ORIGINAL, PARTICIPANTS, REVISED
+from avrgym.people.population_names import ALLOWED_PEOPLE, ANTHROPOMETRIC, ORIGINAL, PARTICIPANTS, REVISED
 from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ class Distribution:
     People move if ``cooperating`` is true or ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
     They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for ``people.motion_version_1``.
+    Bodies are those of ``people.measured_bodies`` if ``measured`` is true; the ranges of torso height are then those of
+    its people.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -50,6 +53,7 @@ class Distribution:
     poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
     partners: PartnerSet | None = None
     motion_version: int = MOTION_VERSION
+    measured: bool = False
 
     @property
     def moving(self) -> bool:
@@ -70,6 +74,7 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
     ORIGINAL: Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
     REVISED: _REVISED,
     PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
+    ANTHROPOMETRIC: Distribution((0.54, 0.66), (0.49, 0.60), waist_deg=5.0, cooperating=True, measured=True),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
 _NAMED = DISTRIBUTIONS | {
@@ -86,6 +91,9 @@ motion such as ``participants@1``. Names without a version have the newest."""
 
 ARM_CLEARANCE_M = 0.01
 """Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
+
+ARMREST_HALF_WIDTH_M, ARMREST_RAISE_RAD = 0.248, float(np.radians(30.0))
+"""Half the width between the wheelchair's armrests, with their padding, and the raise of arms that lie on them."""
 
 RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
@@ -153,7 +161,27 @@ def sample_people(
     )
     poses = xp.clip(rest + spread * (2.0 * shares - 1.0), lower, upper)
     people = People.unimpaired(is_woman, xp.where(is_woman, woman, man), poses[:, 0])
+    if distribution.measured:
+        of_sex = xp.where(is_woman, 2.0 * uniforms[:, 0], 2.0 * uniforms[:, 0] - 1.0)
+        people = replace(people, **sample_bodies(is_woman, uniforms[:, 1], of_sex)._asdict())
+        poses = _on_armrests(people, poses, posture)
+        people = replace(people, joint_angles_rad=poses[:, 0])
     return _resample_crowded_poses(people, poses, posture, furniture) if pose.spreads_arm else people
+
+
+def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatArray:
+    """Returns the poses (n, ``MAX_POSE_ATTEMPTS``, 20). Seated people who are wider than the space between the armrests
+    have both upper arms raised sideways, by at least ``ARMREST_RAISE_RAD``."""
+    if posture.hips_pos_w is not None:
+        return poses
+    xp, p = namespace(poses), human.layout_of(people, posture).proportions
+    wide = (p.shoulder_side + p.upper_arm_radius > ARMREST_HALF_WIDTH_M)[:, None]
+    poses = float_copy(poses)
+    for joint, raised in (("right_shoulder_y", ARMREST_RAISE_RAD), ("left_shoulder_y", -ARMREST_RAISE_RAD)):
+        angle = poses[..., JOINT_INDEX[joint]]
+        limited = xp.clip(angle, raised, None) if raised > 0.0 else xp.clip(angle, None, raised)
+        poses[..., JOINT_INDEX[joint]] = xp.where(wide, limited, angle)
+    return poses
 
 
 def _resample_crowded_poses(
@@ -168,7 +196,8 @@ def _resample_crowded_poses(
         if not len(rows):
             break
         angles[rows] = xp.where(crowded[rows, None], poses[rows, attempt], angles[rows])
-        again = People.unimpaired(people.is_woman[rows], people.torso_height_m[rows], angles[rows])
+        now = replace(people, joint_angles_rad=angles)
+        again = People(**{name: array[rows] for name, array in vars(now).items()})
         crowded[rows] = crowded[rows] & ~_has_room(again, posture, furniture)
     angles = xp.where(crowded[:, None], shoulder_limits.clip(angles), angles)
     return replace(people, joint_angles_rad=angles)

@@ -46,28 +46,31 @@ class PersonModelFields:
         for name, site in self._sites.items():
             self._site_pos[ids, site] = layout.site_pos[name]
         if self._moving:
-            self._write_dynamics(ids, people)
+            self._write_dynamics(ids, people, np.asarray(layout.proportions.mass))
         else:
             rotations = human.body_rotations(people.joint_angles_rad, self._posture)
             for name, body in self._bodies.items():
                 self._body_quat[ids, body] = rotations[name]
-            usual_kg = np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)
-            kg = usual_kg if self._body_mass_kg is None else np.full(len(ids), self._body_mass_kg)
+            kg = np.asarray(layout.proportions.mass)
+            if self._body_mass_kg is not None:
+                kg = np.full(len(ids), self._body_mass_kg)
             self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
         """Set the compliance of people's contacts. Call it after ``set_const``, which computes constants."""
         self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 
-    def _write_dynamics(self, ids: IntArray, people: People) -> None:
+    def _write_dynamics(self, ids: IntArray, people: People, kg: FloatArray) -> None:
         for row, world in enumerate(ids):
-            sex = human.SEXES[int(people.is_woman[row])]
-            inertia = _inertia(sex, float(people.torso_height_m[row]), float(people.arm_scale[row]))
+            person = people.person(row)
+            inertia = _inertia(
+                person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
+            )
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
             if self._body_mass_kg is not None:
                 for name in ("body_mass", "body_inertia"):
-                    self._inertia[name][world, self._ids] *= self._body_mass_kg / human.PROPORTIONS[sex].mass
+                    self._inertia[name][world, self._ids] *= self._body_mass_kg / kg[row]
         torque = compliance.person_torque_limit_n_m(
             people.strength_share.reshape(len(ids), -1) * human.TORQUE_N_M, people.tremor_rad
         )
@@ -80,8 +83,11 @@ INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
 
 
 @lru_cache(maxsize=1024)
-def _inertia(sex: human.Sex, torso_height_m: float, arm_scale: float) -> dict[str, FloatArray]:
+def _inertia(
+    sex: human.Sex, torso_height_m: float, arm_scale: float, stature_m: float | None, bmi_kg_m2: float | None
+) -> dict[str, FloatArray]:
     """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
-    model = human.person_model(Person(sex, torso_height_m, arm_scale=arm_scale), moving=True)
+    person = Person(sex, torso_height_m, arm_scale=arm_scale, stature_m=stature_m, bmi_kg_m2=bmi_kg_m2)
+    model = human.person_model(person, moving=True)
     bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]
     return {name: getattr(model, name)[bodies] for name in INERTIAL_FIELDS}

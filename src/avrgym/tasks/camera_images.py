@@ -43,7 +43,7 @@ _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(LABELS))
 HIDDEN_GROUP = 5
 Images = dict[str, NumpyArray]
 """Images by the name of their entry, such as ``wrist_rgb``."""
-PersonKey = tuple[str, float, float, str]
+PersonKey = tuple[str, float, float, str, float | None, float | None]
 
 
 class CameraImages:
@@ -144,7 +144,8 @@ class _SexModel:
 
     def show(self, episodes: "Episodes", world: int, person: Person) -> None:
         """Copy a world's person and body poses to the model."""
-        key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone)
+        build = person.stature_m, person.bmi_kg_m2
+        key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone, *build)
         if key != self._shown:
             self._set_person(key, person, episodes)
         model, batch = self.model, episodes.simulation.batch

@@ -205,7 +205,9 @@ class WorldPeople:
         """Sample people (n,) of a population."""
         distribution, heights_m = population.distribution, self._settings.torso_height_m
         if heights_m is not None:
-            distribution = replace(distribution, torso_height_man_m=heights_m, torso_height_woman_m=heights_m)
+            distribution = replace(
+                distribution, torso_height_man_m=heights_m, torso_height_woman_m=heights_m, measured=False
+            )
         if self.person is not None:
             people = distributions.repeat_person(self.person, len(for_bodies))
         else:

@@ -5,7 +5,15 @@ frames of any number of people. The compiled model of one person and the model f
 """
 
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.models.human.anthropometry import MAN, PROPORTIONS, TORSO_HEIGHT_RANGE_M, WOMAN
+from avrgym.models.human.anthropometry import (
+    GIRTH_EXPONENTS,
+    MAN,
+    PROPORTIONS,
+    REFERENCE_STATURE_M,
+    TORSO_HEIGHT_RANGE_M,
+    WOMAN,
+    Proportions,
+)
 from avrgym.models.human.frames import (
     BODIES,
     BODY_FROM_DEVICE_AXES,
@@ -45,6 +53,7 @@ __all__ = [
     "BODY_FROM_DEVICE_AXES",
     "CRANIUM_RADIUS",
     "GEOMS",
+    "GIRTH_EXPONENTS",
     "HEADSET_OFFSET_M",
     "JOINTS",
     "JOINT_INDEX",
@@ -54,6 +63,7 @@ __all__ = [
     "PREFIX",
     "PROPORTIONS",
     "RECLINED",
+    "REFERENCE_STATURE_M",
     "RIGHT_ARM",
     "SEATED",
     "SEATED_RAD",
@@ -69,6 +79,7 @@ __all__ = [
     "People",
     "Person",
     "Posture",
+    "Proportions",
     "Sex",
     "add_person",
     "as_person",

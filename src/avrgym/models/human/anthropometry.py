@@ -4,15 +4,19 @@ The 50th percentile man and woman of the 2020 reference (after Tilley, *The Meas
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from avrgym.array_types import BoolArray
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray
+from avrgym.geometry import elementary
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models.body_names import Sex
 
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
 ARM_SCALE_RANGE = (0.8, 1.25)
+STATURE_RANGE_M, BMI_RANGE_KG_M2 = (1.2, 2.2), (12.0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -99,3 +103,50 @@ def proportions_of(is_woman: BoolArray, numbers: Any = 0.0) -> Proportions:
         for each in fields(Proportions)
     }
     return Proportions(**measures)
+
+
+REFERENCE_STATURE_M: Mapping[Sex, float] = {"man": 1.755, "woman": 1.626}
+"""Statures of ``MAN`` and ``WOMAN``: medians of ANSUR II (Gordon et al., Natick/TR-15/007, 2014)."""
+GIRTH_EXPONENTS: Mapping[str, tuple[float, float]] = {
+    "hips_radius": (0.455, 0.645),
+    "waist_radius": (0.725, 0.585),
+    "chest_radius": (0.515, 0.505),
+    "shoulder_radius": (0.27, 0.56),
+    "shoulder_side": (0.48, 0.505),
+    "upper_arm_radius": (0.59, 0.49),
+    "forearm_radius": (0.375, 0.555),
+    "hand_radius": (0.135, 0.56),
+    "neck_radius": (0.325, 0.355),
+    "thigh_side": (0.45, 0.715),
+    "thigh_radius": (0.575, 0.615),
+    "shin_radius": (0.415, 0.55),
+    "foot_radius": (0.26, 0.605),
+}
+"""Exponents b and c of log girth = a + b log BMI + c log stature, by least squares over the 4 082 men and 1 986 women
+of ANSUR II, mean of both: circumferences of buttocks, waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf
+and ankle. ``shoulder_side`` follows the forearm-forearm breadth, ``thigh_side`` the hip breadth of sitting people."""
+
+
+def with_build(
+    p: Proportions, is_woman: BoolArray, stature_m: FloatArray, bmi_kg_m2: FloatArray
+) -> Proportions:
+    """Returns the measures of N people with radii, breadths and mass for stature and body mass index (N,).
+
+    People whose body mass index is NaN keep the measures ``p``.
+    """
+    xp, known = namespace(bmi_kg_m2), ~namespace(bmi_kg_m2).isnan(bmi_kg_m2)
+    if xp is np and not known.any():
+        return p
+    reference_m = xp.where(
+        is_woman, *(constant_like(REFERENCE_STATURE_M[sex], stature_m) for sex in ("woman", "man"))
+    )
+    reference_bmi = p.mass / (reference_m * reference_m)
+    taller = xp.where(known, stature_m, reference_m) / reference_m
+    heavier = xp.where(known, bmi_kg_m2, reference_bmi) / reference_bmi
+    changes: dict[str, Any] = {
+        name: xp.where(known, elementary.power(heavier, bmi) * elementary.power(taller, stature), 1.0)
+        for name, (bmi, stature) in GIRTH_EXPONENTS.items()
+    }
+    built: dict[str, Any] = {name: getattr(p, name) * factor for name, factor in changes.items()}
+    mass = xp.where(known, bmi_kg_m2 * stature_m * stature_m, p.mass)
+    return replace(p, mass=mass, **built)

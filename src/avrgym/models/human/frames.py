@@ -10,7 +10,7 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import as_floats, constant_like, namespace
 from avrgym.models.body_names import Sex
-from avrgym.models.human.anthropometry import Proportions, proportions_of
+from avrgym.models.human.anthropometry import Proportions, proportions_of, with_build
 from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, joint_angles
 from avrgym.models.human.person import People, Person
 
@@ -66,6 +66,12 @@ class Posture:
         pos_w = constant_like(np.array(self.hips_pos_w), p.mass)
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
+    @property
+    def outward(self) -> FloatArray:
+        """Direction from the backrest to the person (3,); world frame."""
+        angle = float(np.radians(self.hips_deg))
+        return np.array([0.0, -np.cos(angle), -np.sin(angle)])
+
     def turns_deg(self) -> dict[str, float]:
         """Rotations about x of the hips and leg bodies, by body."""
         legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
@@ -84,17 +90,21 @@ class Layout:
     """Frames and sizes of N people by name of body, geom and site; computed on demand.
 
     Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), arm lengths with ``arm_scale``.
+    ``depth_gain`` (N,) is the radius of the chest minus that of the sex's reference. The back keeps its place.
     """
 
     proportions: Proportions
     scale: FloatArray
     arm_scale: FloatArray
     posture: Posture
+    depth_gain: FloatArray
 
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
         """Body positions in the frame of the parent body."""
-        return _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
+        positions = _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
+        outward = constant_like(self.posture.outward, self.scale)
+        return positions | {"hips": positions["hips"] + self.depth_gain[..., None] * outward}
 
     @property
     def geom_pos(self) -> Mapping[str, FloatArray]:
@@ -121,19 +131,23 @@ def layout(
     torso_height_m: FloatArray,
     posture: Posture = SEATED,
     arm_scale: FloatArray | float = 1.0,
+    build: tuple[FloatArray, FloatArray] | None = None,
 ) -> Layout:
     """Layout of N people. Lengths along the body scale with the torso height; radii do not.
 
-    Upper arms and forearms also scale with ``arm_scale`` (N,).
+    Upper arms and forearms also scale with ``arm_scale`` (N,). ``build`` are stature and body mass index (N,), which
+    determine radii and mass; see ``anthropometry.with_build``.
     """
-    p = proportions_of(is_woman, torso_height_m)
-    scale = torso_height_m / p.torso_height
-    return Layout(p, scale, arm_scale * scale, posture)
+    reference = proportions_of(is_woman, torso_height_m)
+    scale = torso_height_m / reference.torso_height
+    p = reference if build is None else with_build(reference, is_woman, *build)
+    return Layout(p, scale, arm_scale * scale, posture, p.chest_radius - reference.chest_radius)
 
 
 def layout_of(people: People, posture: Posture = SEATED) -> Layout:
     """Layout of ``people`` in a posture, as in ``layout``."""
-    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale)
+    build = people.stature_m, people.bmi_kg_m2
+    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, build)
 
 
 def _body_positions(
@@ -300,13 +314,18 @@ BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbo
 
 @lru_cache(maxsize=8)
 def bind_frames(
-    sex: Sex, torso_height_m: float, arm_scale: float = 1.0
+    sex: Sex,
+    torso_height_m: float,
+    arm_scale: float = 1.0,
+    stature_m: float | None = None,
+    bmi_kg_m2: float | None = None,
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Pose to which the skins are bound: standing, hips at the origin, arms half raised and half bent.
 
     Returns positions (3,) and quaternions (4,) by body. The result is cached: do not change it.
     """
-    pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD, arm_scale=arm_scale)]), _STANDING)
+    person = Person(sex, torso_height_m, BIND_RAD, "fair", arm_scale, stature_m, bmi_kg_m2)
+    pos, q = body_frames(People.of([person]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
 
 

@@ -7,7 +7,6 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.geoms import CAPSULE, SPHERE, add_collision
-from avrgym.models.human.anthropometry import PROPORTIONS
 from avrgym.models.human.frames import (
     GEOMS,
     PARENTS,
@@ -47,7 +46,7 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
         driven = moving and any(joint.body == name for joint in JOINTS.values())
         if not driven:
             bodies[name].quat = rotations[name][0]
-    _add_geoms(bodies, frames, PROPORTIONS[person.sex].mass)
+    _add_geoms(bodies, frames, float(np.atleast_1d(frames.proportions.mass)[0]))
     for name, body in SITE_BODY.items():
         bodies[body].add_site(name=PREFIX + name, pos=frames.site_pos[name][0], size=[0.005] * 3, group=4)
     if moving:

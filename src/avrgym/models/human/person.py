@@ -9,7 +9,12 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import as_floats
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.models.human.anthropometry import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M
+from avrgym.models.human.anthropometry import (
+    ARM_SCALE_RANGE,
+    BMI_RANGE_KG_M2,
+    STATURE_RANGE_M,
+    TORSO_HEIGHT_RANGE_M,
+)
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
@@ -33,6 +38,8 @@ class Person:
         joint_angles_rad: joint angles (20,).
         skin_tone: a name in ``SKIN_TONES``.
         arm_scale: length of upper arms and forearms relative to the average for this torso height.
+        stature_m, bmi_kg_m2: stature and body mass index, which determine radii and mass; ``None``: those of the
+            paper's man or woman.
 
     Raises:
         ValueError: for a value out of range.
@@ -43,6 +50,8 @@ class Person:
     joint_angles_rad: FloatArray = field(default_factory=lambda: SEATED_RAD.copy())
     skin_tone: str = "fair"
     arm_scale: float = 1.0
+    stature_m: float | None = None
+    bmi_kg_m2: float | None = None
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:
@@ -51,6 +60,12 @@ class Person:
             raise ValueError(f"unknown skin tone {self.skin_tone!r}; allowed: {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
         check_arm_scale(self.arm_scale)
+        if (self.stature_m is None) != (self.bmi_kg_m2 is None):
+            raise ValueError("allowed: both stature_m and bmi_kg_m2, or neither")
+        for name, (low, high) in (("stature_m", STATURE_RANGE_M), ("bmi_kg_m2", BMI_RANGE_KG_M2)):
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
             raise ValueError(
                 f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
@@ -103,6 +118,7 @@ class People:
         arm_scale: see ``Person`` (N,).
         torque_share: share of each joint's torques towards its lower and its upper limit (N, 20, 2).
         damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
+        stature_m, bmi_kg_m2: see ``Person`` (N,); NaN for ``None``.
     """
 
     is_woman: BoolArray
@@ -114,6 +130,8 @@ class People:
     arm_scale: FloatArray
     torque_share: FloatArray
     damping_n_m_s: FloatArray
+    stature_m: FloatArray
+    bmi_kg_m2: FloatArray
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
@@ -124,7 +142,12 @@ class People:
             np.array([person.torso_height_m for person in persons], float),
             np.stack([np.asarray(person.joint_angles_rad, float) for person in persons]),
         )
-        return replace(people, arm_scale=np.array([person.arm_scale for person in persons], float))
+        return replace(
+            people,
+            arm_scale=np.array([person.arm_scale for person in persons], float),
+            stature_m=np.array([person.stature_m for person in persons], float),
+            bmi_kg_m2=np.array([person.bmi_kg_m2 for person in persons], float),
+        )
 
     @classmethod
     def unimpaired(
@@ -135,7 +158,20 @@ class People:
         full = xp.ones_like(height)
         torques = xp.ones_like(xp.stack([angles, angles], axis=-1))
         none = xp.zeros_like(angles)
-        return cls(is_woman, torso_height_m, joint_angles_rad, full, full, none, full, torques, none)
+        unknown = xp.nan * full
+        return cls(
+            is_woman,
+            torso_height_m,
+            joint_angles_rad,
+            full,
+            full,
+            none,
+            full,
+            torques,
+            none,
+            unknown,
+            unknown,
+        )
 
     def person(self, index: int) -> Person:
         """Returns the person with this index."""
@@ -145,4 +181,6 @@ class People:
             float(self.torso_height_m[index]),
             self.joint_angles_rad[index].copy(),
             arm_scale=float(self.arm_scale[index]),
+            stature_m=None if np.isnan(self.stature_m[index]) else float(self.stature_m[index]),
+            bmi_kg_m2=None if np.isnan(self.bmi_kg_m2[index]) else float(self.bmi_kg_m2[index]),
         )

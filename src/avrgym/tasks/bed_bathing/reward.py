@@ -72,14 +72,14 @@ MARKERS = MAX_RINGS * MARKERS_PER_RING
 
 
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
-    """Create the markers: rings 3 cm apart with markers 3 cm apart, none wiped."""
+    """Create the markers: rings 3 cm apart with markers 3 cm apart, none wiped. Thick arms have larger gaps."""
     xp = namespace(uniforms)
     size = human.layout_of(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
     length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
     rings, around = (
         xp.minimum(length // MARKER_SPACING_M, MAX_RINGS),
-        2.0 * np.pi * radius // MARKER_SPACING_M,
+        xp.minimum(2.0 * np.pi * radius // MARKER_SPACING_M, MARKERS_PER_RING),
     )
     ring, spot = (constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS), MARKERS_PER_RING))
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M

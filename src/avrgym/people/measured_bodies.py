@@ -1,0 +1,116 @@
+"""Bodies of women and men as measured in the anthropometric survey ANSUR II, for the population ``anthropometric``.
+
+Source: 4 082 men and 1 986 women of the US Army (Gordon et al., *2012 Anthropometric Survey of U.S. Army Personnel*,
+Natick/TR-15/007, 2014). The tables below are percentiles and least-squares regressions of its public data:
+
+- stature: its percentiles from the 5th to the 95th;
+- sitting height: regression on stature, plus percentiles of the residual;
+- arm (shoulder-elbow plus radiale-stylion length): regression on stature and sitting height, plus its residual;
+- body mass index: uniform from 17 (moderate thinness) to 40 (obesity class III; WHO Technical Report Series 894, 2000).
+  It covers the range, not the prevalence. In ANSUR II the index does not correlate with stature (r = 0.00 and 0.06).
+
+Torso height and arm length scale with sitting height and arm, relative to their medians. Legs scale with the torso.
+Soldiers are younger than most people who need assistance: old people are a few centimetres shorter, and bodies change
+shape with age.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray
+from avrgym.geometry.arrays import interpolate, namespace
+from avrgym.models.body_names import Sex
+from avrgym.models.human import PROPORTIONS
+
+PERCENTILES = (5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0)
+BMI_KG_M2 = (17.0, 40.0)
+Table = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Measures of one sex in metres: percentiles, regressions (intercept, then slopes), and percentiles of their
+    residuals. The medians of sitting height and arm are those of all measured people."""
+
+    stature: Table
+    sitting_height: tuple[float, float]
+    sitting_height_residual: Table
+    arm: tuple[float, float, float]
+    arm_residual: Table
+    median_sitting_height: float
+    median_arm: float
+
+
+ANSUR_II: Mapping[Sex, Survey] = {
+    "man": Survey(
+        stature=(1.648, 1.669, 1.710, 1.755, 1.802, 1.844, 1.870),
+        sitting_height=(0.2058, 0.4057),
+        sitting_height_residual=(-0.0389, -0.0289, -0.0139, 0.0012, 0.0154, 0.0269, 0.0349),
+        arm=(0.0573, 0.5529, -0.4319),
+        arm_residual=(-0.0241, -0.0188, -0.0099, -0.0001, 0.0098, 0.0189, 0.0244),
+        median_sitting_height=0.918,
+        median_arm=0.631,
+    ),
+    "woman": Survey(
+        stature=(1.525, 1.547, 1.5863, 1.626, 1.672, 1.713, 1.740),
+        sitting_height=(0.2158, 0.3935),
+        sitting_height_residual=(-0.0369, -0.0284, -0.0141, 0.0012, 0.0151, 0.0268, 0.0332),
+        arm=(0.0490, 0.5624, -0.4544),
+        arm_residual=(-0.0232, -0.0183, -0.0097, -0.0004, 0.0098, 0.0193, 0.0243),
+        median_sitting_height=0.857,
+        median_arm=0.574,
+    ),
+}
+
+
+class Bodies(NamedTuple):
+    """Measures of n people, (n,) each; see ``Person``."""
+
+    torso_height_m: FloatArray
+    arm_scale: FloatArray
+    stature_m: FloatArray
+    bmi_kg_m2: FloatArray
+
+
+def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) -> Bodies:
+    """Sample n bodies from two uniform numbers (n,) each. Each number yields two: its leading and its other digits."""
+    xp = namespace(first)
+    for_stature, for_sitting = _two_uniforms(first)
+    for_arm, for_bmi = _two_uniforms(second)
+    each = [_of_sex(sex, for_stature, for_sitting, for_arm) for sex in ("woman", "man")]
+    torso, arm, stature = (xp.where(is_woman, *measures) for measures in zip(*each, strict=True))
+    return Bodies(torso, arm, stature, interpolate(BMI_KG_M2, for_bmi))
+
+
+def _of_sex(
+    sex: Sex, for_stature: FloatArray, for_sitting: FloatArray, for_arm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns torso heights, arm scales and statures (n,)."""
+    survey = ANSUR_II[sex]
+    stature = _quantile(survey.stature, for_stature)
+    base, slope = survey.sitting_height
+    sitting = base + slope * stature + _quantile(survey.sitting_height_residual, for_sitting)
+    base, slope, on_sitting = survey.arm
+    arm = base + slope * stature + on_sitting * sitting + _quantile(survey.arm_residual, for_arm)
+    torso = sitting / survey.median_sitting_height
+    return PROPORTIONS[sex].torso_height * torso, arm / survey.median_arm / torso, stature
+
+
+def _two_uniforms(uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
+    scaled = 2.0**26 * uniform
+    whole = namespace(uniform).floor(scaled)
+    return whole / 2.0**26, scaled - whole
+
+
+def _quantile(table: Table, uniform: FloatArray) -> FloatArray:
+    """Returns values between the 5th and the 95th percentile for uniform numbers (n,), piecewise linear."""
+    xp = namespace(uniform)
+    share = 0.01 * (PERCENTILES[0] + (PERCENTILES[-1] - PERCENTILES[0]) * uniform)
+    value = table[0] + 0.0 * uniform
+    knots = np.array(PERCENTILES) / 100.0
+    for low, high, first, last in zip(knots, knots[1:], table, table[1:], strict=False):
+        value = value + (last - first) / (high - low) * xp.clip(share - float(low), 0.0, float(high - low))
+    return value
