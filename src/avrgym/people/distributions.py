@@ -175,7 +175,8 @@ def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatAr
     if posture.hips_pos_w is not None:
         return poses
     xp, p = namespace(poses), human.layout_of(people, posture).proportions
-    wide = (p.shoulder_side + p.upper_arm_radius > ARMREST_HALF_WIDTH_M)[:, None]
+    half_width = namespace(poses).ones_like(people.stature_m) * (p.shoulder_side + p.upper_arm_radius)
+    wide = (half_width > ARMREST_HALF_WIDTH_M)[:, None]
     poses = float_copy(poses)
     for joint, raised in (("right_shoulder_y", ARMREST_RAISE_RAD), ("left_shoulder_y", -ARMREST_RAISE_RAD)):
         angle = poses[..., JOINT_INDEX[joint]]

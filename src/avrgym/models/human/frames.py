@@ -141,7 +141,8 @@ def layout(
     reference = proportions_of(is_woman, torso_height_m)
     scale = torso_height_m / reference.torso_height
     p = reference if build is None else with_build(reference, is_woman, *build)
-    return Layout(p, scale, arm_scale * scale, posture, p.chest_radius - reference.chest_radius)
+    depth_gain = (p.chest_radius - reference.chest_radius) * namespace(scale).ones_like(scale)
+    return Layout(p, scale, arm_scale * scale, posture, depth_gain)
 
 
 def layout_of(people: People, posture: Posture = SEATED) -> Layout:
