@@ -48,7 +48,7 @@ def test_percentiles_and_correlations_match_the_source(sex, rng):
         assert np.median(values) == pytest.approx(middle, abs=0.003)
         assert np.percentile(values, 5.0) == pytest.approx(low, abs=0.015), "stature ends at its percentiles"
         assert np.percentile(values, 95.0) == pytest.approx(high, abs=0.015)
-    found: FloatArray = np.corrcoef([bodies.stature_m, sitting, arm, bodies.bmi_kg_m2])
+    found: FloatArray = np.asarray(np.corrcoef([bodies.stature_m, sitting, arm, bodies.bmi_kg_m2]))
     assert_allclose([found[0, 1], found[0, 2], found[1, 2]], CORRELATIONS[sex], atol=0.03)
     assert_allclose(found[3, :3], 0.0, atol=0.03)
     assert_allclose([bodies.bmi_kg_m2.min(), bodies.bmi_kg_m2.max()], BMI_KG_M2, atol=0.1)
