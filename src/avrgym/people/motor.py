@@ -8,14 +8,13 @@ faster than the equilibrium point, and its acceleration never exceeds its limit,
 Limits of unhurried people:
 
 - head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s; the acceleration is a quarter of that of
-  running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988). In hopping and running, heads turn with up
-  to 3.2 rad/s (Pozzo et al., Exp. Brain Res. 82:97, 1990);
+  running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988). In walking, hopping and running, heads turn
+  with up to 3.2 rad/s (Pozzo et al., Prog. Brain Res. 80:377, 1989);
 - arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
   Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with
   minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
-- waist 0.35 rad/s and 2 rad/s²: our assumption, below 5.9 rad/s², with which seated people return from a push
-  (336 °/s²: peak of voluntary trunk flexion, Muscle contributions to joint rotational stiffness, J. Med. Eng.
-  2013:915428).
+- waist 0.35 rad/s and 2 rad/s²: our assumption. After a sudden push the trunk's voluntary flexion peaks at 5.9 rad/s²
+  (J. Med. Eng. 2013:915428).
 
 Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
 (Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
