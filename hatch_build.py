@@ -11,7 +11,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 PACKAGE = Path("src", "avrgym")
 PAGES = tuple(f"vr/static/{name}.html" for name in ("index", "dashboard", "replay", "trial"))
 REVISED = {
-    "Feeding": ("Panda", "Gen3", "Stretch"),
+    "Feeding": ("Panda", "Gen3", "UR5", "Stretch"),
     "ArmManipulation": ("Jaco", "PR2", "Panda", "Gen3", "UR5", "Stretch"),
 }
 """Robots with a Revised policy only, by task."""
