@@ -37,10 +37,10 @@ class PoseRecorder:
         self._placed_start = placement.placed_start
         self.arguments: tuple[Any, ...] = ()
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Initial states, as ``placed_start`` returns them."""
         self.arguments = arguments
-        return self._placed_start(*arguments)
+        return self._placed_start(*arguments, **options)
 
 
 def reach(environment: str) -> dict[str, float]:

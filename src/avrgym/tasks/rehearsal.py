@@ -17,6 +17,8 @@ STEPS, ITERATIONS = 6, 8
 """Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
 MARGIN_M, LIMIT_MARGIN_RAD = 0.02, 0.15
 """Distance from person and furniture, and from joint limits, below which the cost of a motion increases."""
+BLOCK_WORLDS = 64
+"""Number of worlds that are computed together; it limits the memory."""
 ALLOWED_ERROR_M, ALLOWED_ERROR_RAD = 0.005, 0.05
 POSTURES = 16
 """Number of postures of a robot with a fixed base whose motion is rehearsed."""
@@ -51,8 +53,16 @@ class Rehearsal:
         The cost is the sum of the largest deviation from the path, of the missing distance from person and furniture,
         and of the missing distance from joint limits.
         """
+        parts = np.array_split(np.arange(len(yaw_rad)), -(-len(yaw_rad) // BLOCK_WORLDS))
+        costs = [self._cost(part, base_pos_w[part], yaw_rad[part], joint_positions[part]) for part in parts]
+        return np.concatenate(costs)
+
+    def _cost(
+        self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
+    ) -> FloatArray:
+        """Costs of the initial states of some worlds (n,)."""
         count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
-        world: IntArray = np.repeat(np.arange(count), each)
+        world: IntArray = np.repeat(worlds, each)
         base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
         to_base = transforms.invert(*base_w)
         clearance = Clearance(self._scene, self._chain, *base_w)

@@ -21,10 +21,13 @@ from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s,
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
-TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.04, 0.4
+TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.025, 0.4
 """In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Before contact, the scooper's target is up to
 ``BEFORE_M`` lower, while the lateral offset of the scooper exceeds ``FREE_M``. ``ALONG_WEIGHT``: weight of offsets
 along the forearm."""
+CRADLED_M, ON_RIM_M = 0.06, 0.08
+"""Height of the forearm's axis above the scooper: at ``CRADLED_M`` the forearm is between the rims, at ``ON_RIM_M`` it
+may be on a rim. In between, the lateral motion falls to zero."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03
@@ -70,7 +73,9 @@ def lift(
     below = np.clip(1.0 - before / NEARLY_M, 0.0, 1.0)
     goal_w[:, 2] += below * np.clip(missing + OVER_M, -AHEAD_M, AHEAD_M)
     aim_x = LIFTING_X_M + carries * (RESTING_X_M + INSIDE_M - LIFTING_X_M)
-    goal_w[:, 0] += below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * AHEAD_M)
+    above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
+    cradled = np.clip((ON_RIM_M - above_m) / (ON_RIM_M - CRADLED_M), 0.0, 1.0)
+    goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * AHEAD_M)
     goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + OVER_M - TOUCHING_M)
     speed = np.minimum(speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
     return goal_w, cradling_q_w(state, heading), speed
