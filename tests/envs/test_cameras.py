@@ -12,6 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose, assert_array_equal
 
+from avrgym.envs.benchmark import CAMERA_SIZES_PX, measure_cameras
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.cameras import KINDS, LABELS, MAX_DEPTH_M, SCENE, WRIST, CameraSpec
@@ -195,3 +196,12 @@ def test_states_alone_load_no_renderer():
         "sorted({'PIL', 'avrgym.tasks.camera_images', 'avrgym.models.human_shape'} & {*sys.modules})"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@needs_graphics
+def test_the_benchmark_has_a_row_for_each_kind_and_size():
+    rows = measure_cameras(FEEDING, frames=1)
+    assert {(row.kind, row.size_px) for row in rows} == {
+        (kind, f"{width} x {height}") for kind in KINDS for width, height in CAMERA_SIZES_PX
+    }
+    assert all(row.frames_per_second > 0.0 for row in rows)

@@ -12,6 +12,8 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
+from avrgym.replay.verification import verify
+from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.emulated_headset import BrowserClient
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
@@ -25,8 +27,11 @@ MIXED = (
     "avrgym/DrinkingJaco-v1",
     "avrgym/ScratchItchPR2-v1",
     "avrgym/BedBathingJaco-v1",
+    "avrgym/DressingJaco-v1",
+    "avrgym/ArmManipulationPR2-v1",
+    *(name for name in ENVIRONMENTS if name == "avrgym/FeedingStretch-v1"),
 )
-"""All tasks and both robots; in process ``test_mixed_session`` goes through all environments."""
+"""All tasks, both robots and a driving one; in process ``test_mixed_session`` goes through all environments."""
 ENDLESS = 100_000
 FIRST_TONE = 3
 """The panel's button after those of the two bodies."""
@@ -52,7 +57,8 @@ def plan(*environments: str, steps: int) -> SessionPlan:
 def test_every_task_with_one_robot_or_the_other(
     journey: Callable[[SessionPlan], Journey], tmp_path: Path
 ) -> None:
-    """Take place, move freely, be helped, answer, go on, leave: in wheelchair and bed, by Jaco and PR2."""
+    """Take place, move freely, be helped, answer, go on, leave: in wheelchair and bed, by several robots. The
+    recordings are replayed bit by bit."""
     whole = journey(plan(*MIXED, steps=5))
     BrowserClient(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
     recordings = [read_recording(path) for path in whole.session.recordings]
@@ -63,6 +69,7 @@ def test_every_task_with_one_robot_or_the_other(
         assert [record.step for _, record in each.topics["/control"]] == [1, 2, 3, 4, 5]
         assert len(each.topics["/answers"]) == 1
         assert any(record.applied for _, record in each.topics["/tracking"])
+        assert verify(each).identical
     whole.headset.page.get_by_role("button", name="Leave VR").click()
     wait_until(lambda: not whole.headset.call("presenting"))
 

@@ -49,6 +49,24 @@ def bench_sim(
         _tabulate(env, not env, row, json_file)
 
 
+@app.command("cameras")
+def bench_cameras(
+    env: Annotated[
+        list[str] | None, typer.Option(help="An environment id; repeatable; by default FeedingJaco.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure images per second of the wrist camera, by kind and size. Use an idle computer."""
+    from avrgym.envs.benchmark import measure_cameras
+
+    with plain_errors():
+        check_json(json_file)
+        chosen = chosen_environments(env or ["avrgym/FeedingJaco-v1"], every=False)
+        rows = [asdict(row) for environment in chosen for row in measure_cameras(environment)]
+        print_table(rows)
+        write_json(json_file, rows)
+
+
 @app.command("vr")
 def bench_vr(
     env: Annotated[

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from statistics import median
 from time import perf_counter
 from typing import Any
@@ -12,6 +13,7 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import moved_to
+from avrgym.models.cameras import KINDS, WRIST, CameraSpec
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system import random_streams
@@ -81,6 +83,47 @@ def measure_simulation(
         physics_steps_per_second=median(SUBSTEPS * steps / run.physics_s for run in runs),
         ratio=median(run.physics_s / (run.reset_s + run.episode_s) for run in runs),
     )
+
+
+CAMERA_SIZES_PX = ((64, 64), (128, 128), (640, 480))
+FRAMES = 10
+"""Number of images of one kind and size in a measurement."""
+
+
+@dataclass(frozen=True)
+class CameraSpeed:
+    """Images per second of one camera, kind and size (width × height in pixels), in one world, without physics."""
+
+    env: str
+    camera: str
+    kind: str
+    size_px: str
+    frames_per_second: float
+
+
+def measure_cameras(
+    environment_id: str, progress: Callable[[], None] = lambda: None, frames: int = FRAMES
+) -> list[CameraSpeed]:
+    """Measure each kind and size of images of the wrist camera. ``progress`` is called after each kind and size.
+
+    Raises:
+        ValueError: for an unknown environment.
+        RuntimeError: if nothing can be rendered. The message contains a setting that may help.
+    """
+    episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
+    _reset(episodes, seed=0)
+    rows: list[CameraSpeed] = []
+    for (width, height), kind in product(CAMERA_SIZES_PX, KINDS):
+        camera = CameraSpec(WRIST, width, height, (kind,))
+        episodes.images([camera])  # compiles the appearance
+        began = perf_counter()
+        for _ in range(frames):
+            episodes.images([camera])
+        speed = frames / (perf_counter() - began)
+        rows.append(CameraSpeed(environment_id, WRIST, kind, f"{width} x {height}", speed))
+        progress()
+    episodes.close_images()
+    return rows
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
