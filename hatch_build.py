@@ -12,6 +12,7 @@ PACKAGE = Path("src", "avrgym")
 PAGES = tuple(f"vr/static/{name}.html" for name in ("index", "dashboard", "replay", "trial"))
 REVISED = {
     "Feeding": ("Panda", "Gen3", "UR5", "Stretch"),
+    "ScratchItch": ("Stretch",),
     "ArmManipulation": ("Jaco", "PR2", "Panda", "Gen3", "UR5", "Stretch"),
 }
 """Robots with a Revised policy only, by task."""
