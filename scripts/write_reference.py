@@ -21,6 +21,7 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording import schema
 from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, TrackedPart, Versions
+from avrgym.recording.input_profile import InputProfile
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
 from reference_tables import TABLES
@@ -43,6 +44,7 @@ RECORDING_PARTS = [
     ("The body model", BodyModel),
     ("The headset check", HeadsetCheck),
     ("A tracked part", TrackedPart),
+    ("The input profile", InputProfile),
     ("The outcome", schema.Outcome),
     ("A pose", schema.Pose),
 ]

@@ -65,6 +65,7 @@ PARTS_OF_MESSAGES = (
     messages.StageLatency,
     messages.StreamStatus,
     messages.CommandLabel,
+    messages.Target,
 )
 
 CONSTANTS = {
@@ -92,6 +93,7 @@ def aliases() -> list[tuple[str, inspect.Type]]:
 
 def type_name(info: inspect.Type) -> str:
     """The TypeScript name of a type: that of its alias where it has one."""
+    info = info.type if isinstance(info, inspect.Metadata) else info
     names = [name for name, alias in aliases() if alias == info]
     return names[0] if names else type_text(info)
 
@@ -106,7 +108,7 @@ def type_text(info: inspect.Type) -> str:
         return " | ".join(json.dumps(value) for value in info.values)
     if isinstance(info, inspect.TupleType):
         return f"[{', '.join(type_name(item) for item in info.item_types)}]"
-    if isinstance(info, inspect.ListType):
+    if isinstance(info, inspect.ListType | inspect.VarTupleType):
         item = type_name(info.item_type)
         return f"({item})[]" if " | " in item else f"{item}[]"
     if isinstance(info, inspect.DictType):
@@ -233,6 +235,7 @@ def texts() -> str:
 
 def example(info: inspect.Type) -> Any:
     """A value of a type in plain data: numbers that are not whole, text that is not ASCII."""
+    info = info.type if isinstance(info, inspect.Metadata) else info
     if isinstance(info, inspect.StructType):
         values = [example(field.type) for field in info.fields]
         named = {field.encode_name: value for field, value in zip(info.fields, values, strict=True)}
@@ -241,7 +244,7 @@ def example(info: inspect.Type) -> Any:
         return info.values[0]
     if isinstance(info, inspect.TupleType):
         return [0.5 - place / 8 for place, _ in enumerate(info.item_types)]
-    if isinstance(info, inspect.ListType):
+    if isinstance(info, inspect.ListType | inspect.VarTupleType):
         return [example(info.item_type)] * 2
     if isinstance(info, inspect.DictType):
         return {example(info.key_type): example(info.value_type)}

@@ -40,6 +40,7 @@ BODIES: dict[str, Any] = {
     "consent": {"version": "1"},
     "declined-consent": {"version": "1"},
     "inclusion": {"answers": {}},
+    "input": {"profile": {"method": "head", "dwell_s": 2}},
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},
     "edited-notes": {"id": 1, "text": "looked right"},

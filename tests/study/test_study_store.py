@@ -619,6 +619,9 @@ def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
 
 
 ADDED = {
+    "0012_input_profiles": [
+        f"ALTER TABLE {table} DROP COLUMN input_profile" for table in ("participant", "attempt")
+    ],
     "0011_links": ["DROP TABLE link"],
     "0010_design": ["DROP TABLE design"],
     "0009_consents": ["DROP TABLE consent", "DROP TABLE consent_text"],

@@ -9,8 +9,10 @@ import pytest
 
 from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
+    CHOOSE_BY,
     ENGLISH,
     PAGE_SUFFIX,
+    PROFILE_INPUTS,
     SELECT_BY,
     TEXTS_FOLDER,
     Text,
@@ -28,7 +30,8 @@ ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 IN_VR_ALONE = ("wrong_height", "reach_")
 """Prefixes of the keys of texts that only participants with a headset receive."""
-INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze"}
+INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze", *PROFILE_INPUTS}
+NAMES = (SELECT_BY, CHOOSE_BY)
 SELECTS = re.compile(r"trigger|pinch|Abzug|Zeigefinger", re.IGNORECASE)
 CONTROLLER = re.compile(r"\{select\}|trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
 
@@ -59,7 +62,7 @@ def test_every_language_is_complete(language: str) -> None:
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
     for key, text in texts.session.items():
-        if CONTROLLER.search(text) and not key.endswith(PAGE_SUFFIX) and not key.startswith(SELECT_BY):
+        if CONTROLLER.search(text) and not key.endswith(PAGE_SUFFIX) and not key.startswith(NAMES):
             on_page = texts.session.get(key + PAGE_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text)
             assert not CONTROLLER.search(on_page), key
 
@@ -73,7 +76,7 @@ def test_texts_mention_only_the_participants_input(language: str) -> None:
     values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
     for key, text in texts.session.items():
         if "{select}" not in text.lower() or key.endswith(PAGE_SUFFIX):
-            assert key.startswith(SELECT_BY) or not SELECTS.search(text), key
+            assert key.startswith(NAMES) or not SELECTS.search(text), key
             continue
         said = Text("more_faults", {"faults": Text(key, values), "more": "1"})
         by_input = texts.render_by_input(said)
@@ -87,10 +90,10 @@ def test_texts_mention_only_the_participants_input(language: str) -> None:
 
 def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) -> None:
     lines = whole_file().replace("{select}", "reggirt").replace("{Select}", "reggirT").splitlines()
-    old = "\n".join(line for line in lines if not line.startswith(SELECT_BY))
+    old = "\n".join(line for line in lines if not line.startswith(NAMES)).replace("{choose}", "esoohc")
     texts = read_texts("xx", own(tmp_path, "xx", old))
-    assert "reggirt" in texts.render(Text("questionnaire"))
-    assert texts.render_by_input(Text("questionnaire")) == {}
+    assert "reggirT" in texts.render(Text("ready", {"trial": "1", "goal": ""}))
+    assert texts.render_by_input(Text("ready", {"trial": "1", "goal": ""})) == {}
     with pytest.raises(TextsError, match="lacks select_by_trigger"):
         read_texts("yy", own(tmp_path, "yy", old.replace("reggirt", "{select}")))
 

@@ -9,6 +9,7 @@ import {
   type Study,
 } from "./study-api";
 import { AdverseEventForm } from "./adverse-event-form";
+import { InputForm } from "./input-form";
 import {
   adverseEventsTable,
   answeredItems,
@@ -63,6 +64,7 @@ export class Dashboard {
   private readonly shown = new Map<string, string>();
   private work = Promise.resolve();
   private readonly adverseEvent = new AdverseEventForm(element("adverse-event"));
+  private readonly input = new InputForm(element("input"));
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
@@ -77,6 +79,7 @@ export class Dashboard {
       text: field(form, "text"),
     }));
     element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
+    this.onAct("input", "input", "is changed", () => ({ profile: this.input.profile() }));
     this.onAct("adverse-event", "adverse-events", "is stored", () => this.adverseEvent.body());
     this.onAct("identity", "identity", "are in the identity file", identityIn);
     element("results-part").addEventListener("toggle", () => this.afterwards(() => this.refresh()));
@@ -139,6 +142,7 @@ export class Dashboard {
       sex: field(form, "sex"),
       age_years: age ? Number(age) : null,
       language: field(form, "language"),
+      input: { method: field(form, "method") },
       ...identityIn(form),
     });
     form.reset();
@@ -187,6 +191,7 @@ export class Dashboard {
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
     this.showFurniture(furniture);
     this.adverseEvent.offerScales(overview.scales);
+    this.input.offer(overview.input_stops);
     element("scales-words").textContent = overview.scales_words;
   }
 
@@ -237,6 +242,8 @@ export class Dashboard {
     element("scores-part").hidden = scores.length === 0;
     this.showTable("scores", scoresTable(scores));
     this.showAdverseEvents(person);
+    this.input.show(person.input, participant);
+    element("input-words").textContent = person.input_words;
     this.fill("notes", notes, () => notes.map((note) => this.noteLine(note)));
   }
 
@@ -287,6 +294,7 @@ const NOUNS: Record<Action, string> = {
   "edited-notes": "the note",
   "adverse-events": "the report",
   identity: "name and contact",
+  input: "the input",
   withdrawal: "the withdrawal",
 };
 

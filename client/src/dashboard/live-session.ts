@@ -3,8 +3,8 @@ import { Connection, type Link, type Outgoing } from "../session/connection";
 import { isRunning, linkText } from "../session/display-state";
 import { OperatorControl } from "../input/operator-control";
 import { RobotCommandInput } from "../input/robot-commands";
-import { element } from "../page/dom";
-import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "../generated/messages";
+import { createElement, element } from "../page/dom";
+import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status, Targets } from "../generated/messages";
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
 import { ENGLISH_TEXTS } from "../page/texts";
 
@@ -60,6 +60,8 @@ export class Live {
     if (message.type === "status") this.onStatus(message);
     if (message.type === "robot_commands") this.robotCommands.show(message);
     if (message.type === "body") this.onBody(message);
+    if (message.type === "targets") this.offer(message);
+    if (message.type === "input" && message.method !== "experimenter") element("selections").hidden = true;
     if (message.type === "timing") element("watch-ticks").textContent = timingText(message);
     if (message.type === "problem") this.events.problem(message.message);
   }
@@ -99,6 +101,18 @@ export class Live {
     this.sex.value = body.sex;
     this.tone.value = body.skin_tone;
     this.show();
+  }
+
+  /** Shows buttons with which the experimenter selects for the participant. */
+  private offer({ number, targets }: Targets): void {
+    element("selections").hidden = targets.length === 0;
+    const buttons = targets.map(({ value, label }) => {
+      const button = createElement("button", label);
+      button.type = "button";
+      button.addEventListener("click", () => this.connection.send({ type: "press", number, value }));
+      return button;
+    });
+    element("targets").replaceChildren(...buttons);
   }
 
   private chooseBody(): void {

@@ -1,3 +1,5 @@
+import type { Input } from "../generated/messages";
+
 /** The overview row of a participant. */
 export interface ParticipantSummary {
   participant: string;
@@ -53,6 +55,8 @@ export interface Overview {
   /** Allowed grades of adverse events, and the sources of the scales. */
   scales: Record<string, string[]>;
   scales_words: string;
+  /** The ways to stop of each input method. */
+  input_stops: Record<string, string[]>;
 }
 
 /** The results so far. The study's log records each access. */
@@ -113,6 +117,9 @@ export interface SafetyEvent {
   detail: string;
 }
 
+/** An input profile; see `recording/input_profile.py`. */
+export type InputProfile = Omit<Input, "type">;
+
 export interface Participant {
   participant: string;
   state: string;
@@ -120,6 +127,9 @@ export interface Participant {
   simulated: boolean;
   sex: string;
   age_years: number | null;
+  /** How the participant selects and stops, and the same in one line. */
+  input: InputProfile;
+  input_words: string;
   identified: boolean;
   language: string;
   direction: string;
@@ -138,7 +148,7 @@ export interface Participant {
 }
 
 /** Actions on a participant; see `study/dashboard/application.py`. */
-export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
+export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "input" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
 
 /** A participant's identity, and whether the experimenter confirms that no other participant is the same person. */
 export interface Identity {
@@ -174,7 +184,7 @@ export class Study {
     return this.call(`participants/${encodeURIComponent(pseudonym)}`) as Promise<Participant>;
   }
 
-  async enrol(somebody: Identity & { sex: string; age_years: number | null; language: string }): Promise<string> {
+  async enrol(somebody: Identity & { sex: string; age_years: number | null; language: string; input: object }): Promise<string> {
     const { participant } = (await this.call("participants", somebody)) as { participant: string };
     return participant;
   }

@@ -52,6 +52,9 @@ export interface EmulatorControls {
   buttons(): EmulatedButton[];
   phase(): Phase | null;
   question(): Question | null;
+  /** The value of the highlighted target, and the number of the offered ones. */
+  highlighted(): number | null;
+  offer(): number;
   /** Phase and question in one call. */
   phaseAndQuestion(): [Phase | null, Question | null];
   statesReceived(): number;
@@ -129,8 +132,10 @@ export function exposeEmulator(app: App, emulator: Emulator): void {
     },
     buttons: () => shownButtons(app),
     phase: () => app.phase,
-    question: () => app.questionnaire.question,
-    phaseAndQuestion: () => [app.phase, app.questionnaire.question],
+    question: () => app.choices.questionnaire.question,
+    phaseAndQuestion: () => [app.phase, app.choices.questionnaire.question],
+    highlighted: () => app.choices.selection.highlighted,
+    offer: () => app.choices.selection.number,
     statesReceived: () => app.statesReceived,
     lastState: () => plainState(app),
     participantBody: () => plainBody(app),
@@ -268,16 +273,17 @@ function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): voi
 function shownButtons(app: App): EmulatedButton[] {
   if (!app.panel.mesh.visible) return [];
   return app.panel.buttons.map((button) => ({
-    item: app.questionnaire.question?.item ?? buttonPurpose(app.phase),
+    item: app.choices.questionnaire.question?.item ?? buttonPurpose(app),
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));
 }
 
 /** The purpose of the buttons without a question. */
-function buttonPurpose(phase: Phase | null): string {
+function buttonPurpose({ phase, panel }: App): string {
   if (confirmsAnswers(phase)) return "confirm";
-  return mayRecalibrate(phase) ? "check" : "body";
+  if (mayRecalibrate(phase)) return "check";
+  return panel.buttons.some(({ value }) => value > 0) ? "body" : "ready";
 }
 
 function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"]> {

@@ -1,6 +1,6 @@
 // Written by `python scripts/write_typescript.py` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 13;
+export const PROTOCOL = 14;
 
 export const STATES_PER_RECEIPT = 2;
 
@@ -26,6 +26,12 @@ export type Part = "head" | "left" | "right";
 
 export type Sex = "man" | "woman";
 
+export type Arm = "left" | "right";
+
+export type InputMethod = "controllers" | "experimenter" | "hands" | "head" | "left-hand" | "one-switch" | "right-hand" | "two-switches";
+
+export type StopWay = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
+
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
@@ -34,7 +40,7 @@ export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
-export type StopMethod = "button" | "gaze" | "key" | "page" | "palm" | "select" | "squeeze" | "triggers";
+export type StopMethod = "button" | "gaze" | "key" | "page" | "palm" | "select" | "squeeze" | "switch" | "triggers";
 
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
@@ -87,6 +93,12 @@ export interface StreamStatus {
 /** A robot command that the participant can give, and its label in the participant's language. */
 export interface CommandLabel {
   name: RobotCommandName;
+  label: string;
+}
+
+/** Something that the participant can select: the value of its button, and its label. */
+export interface Target {
+  value: number;
   label: string;
 }
 
@@ -193,6 +205,15 @@ export interface ChooseBody {
   skin_tone: string;
 }
 
+/** The targets that the participant can select now, for the experimenter who selects for them.
+ *
+ * `number` increases with each offer. An offer without targets ends the previous one. */
+export interface Offered {
+  type: "offered";
+  number: number;
+  targets: Target[];
+}
+
 /** Latencies of the frames of the last second, from tracking to display. */
 export interface Latency {
   type: "latency";
@@ -218,7 +239,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
 
 /** A command of the experimenter.
  *
@@ -241,6 +262,13 @@ export interface ChooseParticipantBody {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
+}
+
+/** The experimenter selects a target for the participant. `number` is that of the offer. */
+export interface Press {
+  type: "press";
+  number: number;
+  value: number;
 }
 
 /** Velocity command of the operator for the robot's hand, sent many times a second while `engaged`.
@@ -268,7 +296,7 @@ export interface SceneWatched {
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | WatcherRobotCommand | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | Drive | WatcherRobotCommand | SceneWatched;
 
 /** The connection is accepted in a role. `haptics` and `sounds`: feedback enabled by the session plan. */
 export interface Welcome {
@@ -295,6 +323,32 @@ export interface Body {
   skin_tone: string;
   skin_tones: string[];
   skin_tones_rgb: Vector3[];
+}
+
+/** The participant's input profile, with their ways to stop. */
+export interface Input {
+  type: "input";
+  method: InputMethod;
+  dwell_s: number;
+  scan_s: number;
+  select_key: string;
+  resting_arms: Arm[];
+  absent_arms: Arm[];
+  stops: StopWay[] | null;
+}
+
+/** The participant's `offered` targets, for experimenters. */
+export interface Targets {
+  type: "targets";
+  number: number;
+  targets: Target[];
+}
+
+/** The experimenter selected a target. The participant's client ignores it if the offer is no longer valid. */
+export interface Pressed {
+  type: "pressed";
+  number: number;
+  value: number;
 }
 
 /** A scene to display: the address of a GLB whose nodes have `extras.body`, and the pose of the world.
@@ -487,4 +541,4 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Language | Body | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing;
+export type ServerMessage = Welcome | Language | Body | Input | Targets | Pressed | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing;

@@ -2,7 +2,9 @@ import { HAND_PROFILE } from "./stop-gestures";
 
 /** The kinds of select input, in order of preference for texts. */
 export const INPUTS = ["trigger", "button", "touchpad", "pinch", "tap", "gaze"] as const;
-export type InputKind = (typeof INPUTS)[number];
+/** The kinds of input profiles: head, one switch, two switches, and the experimenter. */
+const PROFILE_INPUTS = ["dwell", "scan", "step", "remote"] as const;
+export type InputKind = (typeof INPUTS)[number] | (typeof PROFILE_INPUTS)[number];
 
 /** The kind of select input of a source, from its profiles. */
 export function inputKind({ hand, profiles, gamepad, targetRayMode }: XRInputSource): InputKind {
@@ -21,7 +23,8 @@ export function inputKindOf(sources: Iterable<XRInputSource>): InputKind | null 
   return INPUTS.find((input) => found.includes(input)) ?? null;
 }
 
-/** The text for a kind of input; default: that for a trigger. */
-export function textFor(input: InputKind, text: string, byInput: Readonly<Record<string, string>>): string {
-  return byInput[input] ?? text;
+/** The text for a kind of input; default: that for a trigger, and for input profiles that of the page. */
+export function textFor(input: InputKind, text: string, byInput: Readonly<Record<string, string>>, pageText = ""): string {
+  const others = PROFILE_INPUTS.some((each) => each === input) ? pageText || text : text;
+  return byInput[input] ?? others;
 }

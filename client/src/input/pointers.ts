@@ -1,6 +1,7 @@
 import { CylinderGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
 import { OVERLAY_ORDER } from "../panel/canvas-plane";
 import type { Panel, PanelHit } from "../panel/panel";
+import { Arrival } from "./arrival";
 
 /** The pointer rays of all input sources. */
 export class Pointers {
@@ -8,25 +9,38 @@ export class Pointers {
   private readonly pointers = new Map<XRInputSource, Pointer>();
   private readonly spare: Pointer[] = [];
   private latest: Pointer | null = null;
+  private readonly head = new Pointer();
 
-  /** Updates all rays; returns the button that a ray reached last, or null. */
-  point(frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
-    const sources = Array.from(frame.session.inputSources);
+  /** Updates all rays of the usable sources; returns the button that a ray reached last, or null. */
+  point(frame: XRFrame, space: XRReferenceSpace, panel: Panel, usable: (source: XRInputSource) => boolean): number | null {
+    const sources = Array.from(frame.session.inputSources).filter(usable);
     for (const source of this.pointers.keys()) if (!sources.includes(source)) this.release(source);
     for (const source of sources) if (pointsAlways(source)) this.aim(source, frame, space, panel);
     if (this.latest && this.latest.value !== null) return this.latest.value;
     return [...this.pointers.values()].find(({ value }) => value !== null)?.value ?? null;
   }
 
-  /** The button at which a source points when it selects, or null. */
-  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
-    const value = this.aim(source, frame, space, panel);
-    if (!pointsAlways(source)) this.of(source).value = null;
-    return value;
+  /** The button at which a source points when it selects, or null. `rests`: the ray has not moved onto that button. */
+  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): { value: number | null; rests: boolean } {
+    const onto = this.aim(source, frame, space, panel);
+    const { below } = this.of(source);
+    if (pointsAlways(source)) return { value: below, rests: onto === null && below !== null };
+    this.of(source).value = null;
+    return { value: below, rests: false };
   }
 
   hide(): void {
     for (const source of [...this.pointers.keys()]) this.release(source);
+    this.head.hide();
+  }
+
+  /** Updates the dot of the head's ray; returns the button at which the head points, or null. */
+  look(viewer: XRViewerPose | undefined, panel: Panel): number | null {
+    for (const source of [...this.pointers.keys()]) this.release(source);
+    this.group.add(this.head.group);
+    if (viewer) this.head.aim(viewer.transform, panel, false);
+    else this.head.hide();
+    return this.head.below;
   }
 
   private aim(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
@@ -71,12 +85,15 @@ const FREE_LENGTH_M = 1.2;
 /** The ray of one input source, with a dot on the panel. */
 class Pointer {
   readonly group = new Group();
-  /** The button on the ray, or null. */
+  /** The button that the ray has moved onto, or null. */
   value: number | null = null;
+  /** The button on the ray, or null. */
+  below: number | null = null;
+  private readonly arrival = new Arrival(true);
   private readonly ray: Mesh;
   private readonly dot: Mesh;
   private readonly direction = new Vector3();
-  private readonly hit: PanelHit = { distance: 0, value: null };
+  private readonly hit: PanelHit = { distance: 0, value: null, x: 0, y: 0 };
 
   constructor() {
     const geometry = new CylinderGeometry(0.0012, 0.0022, 1, 8).rotateX(-Math.PI / 2).translate(0, 0, -0.5);
@@ -89,7 +106,7 @@ class Pointer {
 
   hide(): void {
     this.group.visible = false;
-    this.value = null;
+    this.value = this.below = null;
   }
 
   /** Updates the ray from a target ray pose; draws the whole ray or only its end. */
@@ -104,7 +121,8 @@ class Pointer {
     this.dot.position.z = -this.hit.distance;
     this.ray.visible = drawsRay;
     this.ray.scale.z = met ? this.hit.distance : FREE_LENGTH_M;
-    this.value = met ? this.hit.value : null;
+    this.below = met ? this.hit.value : null;
+    this.value = this.arrival.update(panel.offer, this.below, this.hit);
   }
 }
 

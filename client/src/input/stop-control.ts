@@ -1,7 +1,9 @@
 import { Quaternion, Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
+import { CONTROLLERS } from "./input-profile";
 import { StopGestures, type VrStopMethod } from "./stop-gestures";
 import { StopSign } from "./stop-sign";
+import type { StopMethod } from "../generated/messages";
 import type { Texts } from "../page/texts";
 
 const FORWARD = new Vector3(0, 0, -1);
@@ -9,6 +11,7 @@ const FORWARD = new Vector3(0, 0, -1);
 /** The emergency stop in VR: gestures and the sign that displays them. */
 export class StopControl {
   readonly sign = new StopSign();
+  profile = CONTROLLERS;
   private readonly stopping = new StopGestures();
   private readonly eyes = new Vector3();
   private readonly turn = new Quaternion();
@@ -36,8 +39,9 @@ export class StopControl {
     hands: TrackedHands,
     possible: boolean,
     texts: Texts,
-  ): VrStopMethod | null {
+  ): StopMethod | null {
     const { sign, stopping, eyes } = this;
+    stopping.profile = this.profile;
     const sources = frame.session.inputSources;
     const seen = this.look(frame, space, sources);
     const stopped = stopping.watch(
@@ -47,8 +51,8 @@ export class StopControl {
     );
     if (!possible) sign.hide();
     else if (seen) {
-      sign.show(stopping.method, stopping.progress, texts);
-      sign.place(stopping.method, eyes, this.turn);
+      sign.show(stopping.method, stopping.progress, texts, stopping.byGaze);
+      sign.place(stopping.byGaze, eyes, this.turn);
     }
     return stopped;
   }

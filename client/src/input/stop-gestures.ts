@@ -1,12 +1,13 @@
 import { Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
-import type { StopMethod } from "../generated/messages";
+import type { Input, StopMethod } from "../generated/messages";
 import { isPalmRaised } from "./palm-gesture";
 import type { Key } from "../page/texts";
+import { CONTROLLERS, points, pointsWith, stopsBy } from "./input-profile";
 
 /** Ways to stop the robot in VR. */
-export type VrStopMethod = Exclude<StopMethod, "page" | "key">;
-type HeldStopMethod = Exclude<VrStopMethod, "button">;
+export type VrStopMethod = Exclude<StopMethod, "page" | "key"> | "experimenter";
+type HeldStopMethod = Exclude<VrStopMethod, "button" | "switch" | "experimenter">;
 
 /** For each stop method: its text, and the time for which it is held. */
 export const STOP_METHODS: Readonly<Record<VrStopMethod, { text: Key; heldMs: number }>> = {
@@ -16,6 +17,8 @@ export const STOP_METHODS: Readonly<Record<VrStopMethod, { text: Key; heldMs: nu
   select: { text: "stop_by_select", heldMs: 700 },
   palm: { text: "stop_by_palm", heldMs: 700 },
   gaze: { text: "stop_by_gaze", heldMs: 1000 },
+  switch: { text: "stop_by_switch", heldMs: 0 },
+  experimenter: { text: "stop_by_experimenter", heldMs: 0 },
 };
 
 /** A, B, X, Y or menu button in the WebXR gamepad mapping. */
@@ -111,8 +114,15 @@ export interface Seen {
   sign: Vector3 | null;
 }
 
+/** The stop method that a profile determines; null: that of the device. */
+export function stopMethodOf(profile: Input): VrStopMethod | null {
+  if (points(profile)) return null;
+  return (["switch", "gaze"] as const).find((way) => stopsBy(profile, way)) ?? "experimenter";
+}
+
 /** Detects all stop methods that are held for a time. */
 export class StopGestures {
+  profile = CONTROLLERS;
   /** The stop method of the present inputs. */
   method: VrStopMethod = "gaze";
   /** The progress of the stop, 0 to 1. */
@@ -142,7 +152,7 @@ export class StopGestures {
 
   /** The method of a completed stop, or null. `possible`: whether the robot can be stopped now. */
   watch(seen: Seen, possible: boolean, nowMs: number): HeldStopMethod | null {
-    const sources = Array.from(seen.sources);
+    const sources = Array.from(seen.sources).filter((each) => !points(this.profile) || pointsWith(this.profile, each));
     this.chooseMethod(sources, nowMs);
     const held = this.held(seen, sources);
     const methods = Object.entries(this.holds) as [HeldStopMethod, Hold][];
@@ -152,10 +162,15 @@ export class StopGestures {
   }
 
   private chooseMethod(sources: XRInputSource[], nowMs: number): void {
-    const method = stopMethodFor(sources);
+    const method = stopMethodOf(this.profile) ?? stopMethodFor(sources);
     if (method) this.sourcesMs = nowMs;
     if (method) this.method = method;
     else if (nowMs - this.sourcesMs > ALONE_MS) this.method = "gaze";
+  }
+
+  /** Whether the participant stops by looking at the sign. */
+  get byGaze(): boolean {
+    return this.method === "gaze" || stopsBy(this.profile, "gaze");
   }
 
   private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopMethod, Press> {
@@ -169,7 +184,7 @@ export class StopGestures {
       squeeze: squeezes.length > 0 ? Math.min(...squeezes) : null,
       select: triggers.length === 1 ? all : null,
       palm: eyes !== null && (raised("left") || raised("right")) ? 0 : null,
-      gaze: this.method === "gaze" && looksAt(eyes, gaze, sign) ? 0 : null,
+      gaze: this.byGaze && looksAt(eyes, gaze, sign) ? 0 : null,
     };
   }
 }

@@ -39,10 +39,10 @@ export class StopSign {
   }
 
   /** Shows the stop method and its progress. */
-  show(method: VrStopMethod, progress: number, texts: Texts): void {
+  show(method: VrStopMethod, progress: number, texts: Texts, byGaze: boolean): void {
     this.mesh.visible = true;
-    this.mesh.material.depthTest = progress === 0 && method !== "gaze";
-    if (method !== "gaze") this.stands = null;
+    this.mesh.material.depthTest = progress === 0 && !byGaze;
+    if (!byGaze) this.stands = null;
     const step = Math.round(progress * STEPS);
     const wanted = `${method} ${step} ${texts.language}`;
     if (wanted === this.painted) return;
@@ -52,10 +52,10 @@ export class StopSign {
   }
 
   /** Moves the sign with the head; a sign for the gaze stays in the room. */
-  place(method: VrStopMethod, eyes: Vector3, turn: Quaternion): void {
+  place(byGaze: boolean, eyes: Vector3, turn: Quaternion): void {
     if (this.stands) return;
     const { mesh } = this;
-    if (method === "gaze") {
+    if (byGaze) {
       this.stands = standingMiddle(eyes, turn);
       mesh.position.copy(this.stands).setY(this.stands.y - MIDDLE_M);
     } else mesh.position.copy(ASIDE).applyQuaternion(turn).add(eyes);

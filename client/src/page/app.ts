@@ -1,6 +1,6 @@
 import type { TrackedHands } from "../body/bare-hands";
 import { Connection, type Link } from "../session/connection";
-import { asksForCode, awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type DisplayState } from "../session/display-state";
+import { asksForCode, awaitsReady, canBeStopped, isRunning, mayRecalibrate, panelContent, type DisplayState } from "../session/display-state";
 import { Countdown } from "../session/countdown";
 import { FrameIntervals } from "../session/frame-intervals";
 import { element, fetchBytes } from "./dom";
@@ -8,12 +8,12 @@ import { DesktopControls } from "../input/desktop-controls";
 import { XRFrameHandler } from "../session/xr-frame";
 import type { Outgoing } from "../session/connection";
 import { LatencyMeter } from "../session/latency";
-import type { Body, Phase, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
+import type { Body, Input, Phase, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
 import { Notice } from "./notice";
 import { Page, isStopKey } from "./participant-page";
-import { AGAIN, BACK, DONE } from "../panel/paint-panel";
 import { Panel } from "../panel/panel";
-import { Questionnaire } from "../panel/questionnaire";
+import { kindOfProfile } from "../input/input-profile";
+import { ParticipantChoices } from "../session/participant-choices";
 import { createRoom } from "../scene/room";
 import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
 import { Senses } from "../session/haptics-and-sounds";
@@ -37,7 +37,7 @@ export class App {
   readonly panel: Panel;
   readonly xrFrames: XRFrameHandler;
   readonly stopControl = new StopControl();
-  readonly questionnaire = new Questionnaire();
+  readonly choices: ParticipantChoices;
   phase: Phase | null = null;
   lastState: State | null = null;
   statesReceived = 0;
@@ -80,8 +80,8 @@ export class App {
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
       stop: () => this.stop("page"),
-      back: () => this.send({ type: "back" }),
-      answer: (value) => this.answer(value),
+      back: () => this.choices.goBack(),
+      answer: (value) => this.choices.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
     this.robotCommands = new RobotCommandInput(element("robot-commands"), (message) => this.send(message));
@@ -89,11 +89,17 @@ export class App {
     this.view = new View(this.page.view, this.page.card, detail);
     this.robotPointer = new RobotPointer(this.view.scene);
     this.panel = new Panel(detail.anisotropy);
+    this.choices = new ParticipantChoices(this.panel, {
+      send: (message) => this.send(message),
+      stop: () => this.stop("switch"),
+      changed: () => this.update(),
+      activate: (value) => this.page.targets.activate(value),
+    });
     this.connection = new Connection(socketAddress(isSpectator ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),
       link: (link, code) => this.onLink(link, code),
     });
-    this.xrFrames = new XRFrameHandler(this.panel, this.connection, (eyes) => this.world.surfacePoints(eyes));
+    this.xrFrames = new XRFrameHandler(this.panel, this.choices.selection, this.connection, (eyes) => this.world.surfacePoints(eyes));
     this.latency = new LatencyMeter((sequence) => this.xrFrames.numbering.timesOf(sequence));
     this.session = new XRSessionManager(this.view.renderer, {
       begins: (session) => this.stopControl.listen(session),
@@ -187,8 +193,10 @@ export class App {
     if (message.type === "language") this.speak(textsOf(message));
     if (message.type === "body") this.onBody(message);
     if (message.type === "scene") void this.onScene(message);
+    if (message.type === "input") this.onInput(message);
+    if (message.type === "pressed") this.choices.pressRemotely(message);
     if (message.type === "phase") this.onPhase(message);
-    if (message.type === "question" && !this.isSpectator) this.questionnaire.show(message, performance.now());
+    if (message.type === "question" && !this.isSpectator) this.choices.ask(message);
     if (message.type === "problem") this.notice.show(message);
     this.update();
   }
@@ -201,6 +209,7 @@ export class App {
     this.world.forgetStates();
     this.sentVisibility = "visible";
     if (this.participates) this.send({ type: "entered" });
+    this.choices.selection.announceOffer();
     this.sendVisibility();
   }
 
@@ -227,7 +236,7 @@ export class App {
   }
 
   private updateAnswering(): void {
-    this.questionnaire.block(!this.canAnswer, performance.now());
+    this.choices.questionnaire.block(!this.canAnswer, performance.now());
   }
 
   /** Loads a scene into the browser's cache. */
@@ -264,12 +273,22 @@ export class App {
     this.world.hands.colour(body);
   }
 
+  /** Changes how the participant selects and stops. */
+  private onInput(input: Input): void {
+    this.world.absentArms = input.absent_arms;
+    if (this.isSpectator) return;
+    this.choices.changeProfile(input);
+    this.stopControl.profile = input;
+    this.input = kindOfProfile(input) ?? "trigger";
+    this.page.showInput(input, this.input);
+  }
+
   private onPhase(phase: Phase): void {
-    this.phase = phase;
+    this.phase = this.choices.phase = phase;
     this.panel.review();
     this.page.setViewing(this.isViewing);
     this.countdown.begin(phase.seconds, performance.now());
-    if (phase.name !== "questionnaire") this.questionnaire.clear();
+    if (phase.name !== "questionnaire") this.choices.questionnaire.clear();
     if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
 
@@ -343,20 +362,7 @@ export class App {
 
   private selected(source: XRInputSource, frame: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
-    const value = space && this.xrFrames.pointedAt(source, frame, space);
-    const choice = this.panel.choice(value);
-    if (value === BACK) this.send({ type: "back" });
-    else if (this.questionnaire.question) this.answer(value);
-    else if (confirmsAnswers(this.phase)) value === DONE && this.send({ type: "ready" });
-    else if (choice) this.send(choice);
-    else if (value === AGAIN) this.send({ type: "recalibrate" });
-    else if (awaitsReady(this.phase)) this.send({ type: "ready" });
-  }
-
-  private answer(value: number | null): void {
-    if (value === null) return;
-    this.questionnaire.answer(value, performance.now(), (answer) => this.send(answer));
-    this.update();
+    this.choices.pressSource(source, space && this.xrFrames.pointedAt(source, frame, space));
   }
 
   private key(event: KeyboardEvent): void {
@@ -371,13 +377,13 @@ export class App {
 
   /** Whether a number key answers the displayed question; 0 means ten. */
   private answerByKey(event: KeyboardEvent): boolean {
-    const { question, answered } = this.questionnaire;
+    const { question, answered } = this.choices.questionnaire;
     const isOther = event.repeat || event.ctrlKey || event.altKey || event.metaKey || !/^\d$/.test(event.key);
     if (!question || answered !== null || isOther || this.isSpectator) return false;
     const value = Number(event.key) || 10;
     if (question.points > 10 || value > question.points) return false;
     this.page.noteKeyboardAnswer();
-    this.answer(value);
+    this.choices.answer(value);
     return true;
   }
 
@@ -395,7 +401,7 @@ export class App {
 
   /** Updates the texts for the participant's select input. */
   private updateInput(sources: XRInputSourceArray): void {
-    const input = inputKindOf(sources) ?? this.input;
+    const input = kindOfProfile(this.choices.profile) ?? inputKindOf(sources) ?? this.input;
     if (input === this.input) return;
     this.input = input;
     this.update();
@@ -423,14 +429,17 @@ export class App {
     const { texts, link, code, phase, participates, input } = this;
     const { secondsLeft } = this.countdown;
     const { problem } = this.notice;
-    const question = link === "connected" ? this.questionnaire.question : null;
-    const { answered } = this.questionnaire;
+    const { questionnaire, staged, segment } = this.choices;
+    const question = link === "connected" ? questionnaire.question : null;
+    const { answered } = questionnaire;
     const body = this.welcome?.role === "spectator" ? null : this.body;
-    const message = problem && textFor(input, problem.message, problem.messages_by_input);
-    const counted = { secondsLeft, participates, input };
+    const message = problem && textFor(input, problem.message, problem.messages_by_input, problem.page_message);
+    const counted = { secondsLeft, participates, input, staged, segment };
     const display: DisplayState = { texts, link, code, phase, body, question, answered, problem: message, ...counted };
     this.page.show({ ...display, problem: problem && (problem.page_message || problem.message) });
     this.panel.show(this.presenting ? panelContent(display) : null);
+    this.choices.presenting = this.presenting;
+    this.choices.offer(this.presenting ? this.panel.targets : staged ? this.page.targets.offered : []);
   }
 
   // Frames
@@ -438,7 +447,8 @@ export class App {
   private frame(timeMs: number, frame?: XRFrame): void {
     if (this.countdown.advance(performance.now())) this.update();
     this.updateAnswering();
-    if (!this.isSpectator) this.robotCommands.watchGamepads(navigator.getGamepads());
+    if (!this.isSpectator && !this.choices.switches.used) this.robotCommands.watchGamepads(navigator.getGamepads());
+    this.advanceSelection();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
       this.updateWorld(timeMs, this.xrFrames.read(frame, space, timeMs), this.xrFrames.bareHands);
@@ -452,6 +462,16 @@ export class App {
     this.view.render();
     this.sendLatency();
     this.sendFrameIntervals(timeMs);
+  }
+
+  /** Moves a scan, checks gamepads, and highlights on the page. */
+  private advanceSelection(): void {
+    const { selection, switches } = this.choices;
+    switches.poll();
+    selection.tick(performance.now());
+    if (this.presenting) return;
+    if (kindOfProfile(this.choices.profile) === "dwell") selection.look(this.page.targets.pointed, performance.now());
+    this.page.targets.highlight(selection.highlighted, selection.progress);
   }
 
   /** Shows the direction of the robot while it is out of view, on the page, and in VR while it moves. */

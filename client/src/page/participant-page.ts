@@ -11,12 +11,21 @@ import {
 } from "../session/display-state";
 import { element } from "./dom";
 import { setUpCodeForm } from "./code-form";
-import type { Body, ChooseBody, Phase, Question } from "../generated/messages";
+import type { Body, ChooseBody, Input, Phase } from "../generated/messages";
 import { AnswerScale } from "./answer-scale";
+import { PageTargets } from "./page-targets";
+import type { InputKind } from "../input/input-kind";
 import type { Allowed } from "../session/haptics-and-sounds";
 import { ENGLISH_TEXTS, type Key, type Texts } from "./texts";
 
 const SENSES = ["haptics", "sounds"] as const;
+/** How to select on the page, by kind of input. */
+const BY_INPUT: Readonly<Partial<Record<InputKind, Key>>> = {
+  dwell: "by_dwell",
+  scan: "by_scan",
+  step: "by_step",
+  remote: "by_remote",
+};
 
 export interface PageEvents {
   toggleVR(): void;
@@ -38,6 +47,7 @@ export class Page {
   private readonly play = element<HTMLButtonElement>("play");
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
+  readonly targets = new PageTargets();
   private readonly scale: AnswerScale;
   private readonly shownTexts = new Map<string, string>();
   private texts = ENGLISH_TEXTS;
@@ -63,6 +73,15 @@ export class Page {
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
     setUpCodeForm(() => this.texts);
     this.speak(ENGLISH_TEXTS);
+  }
+
+  /** Shows how the participant selects without pointing. */
+  showInput({ stops }: Input, kind: InputKind): void {
+    this.targets.use(kind);
+    const by = BY_INPUT[kind];
+    const stop = stops?.includes("experimenter") ? this.texts.get("stop_by_experimenter") : "";
+    this.text("input-help", by ? [this.texts.get(by), stop].filter(Boolean).join(" ") : "");
+    element("input-help").hidden = !by;
   }
 
   /** Shows all texts in this language. */
@@ -157,7 +176,7 @@ export class Page {
     element("back").hidden = this.isSpectator || !mayGoBack(display);
     element("phase").hidden = !phase?.text || question !== null;
     this.showBody(display.body, phase);
-    this.showQuestion(question, display.answered);
+    this.showQuestion(display);
     if (hadFocus && !this.card.contains(shownFocus())) this.keepFocus();
   }
 
@@ -182,12 +201,12 @@ export class Page {
     this.events.chooseBody({ type: "choose_body", sex, skin_tone: this.tone.value });
   }
 
-  private showQuestion(question: Question | null, answered: number | null): void {
+  private showQuestion({ question, answered, staged, segment }: DisplayState): void {
     element("question").hidden = question === null;
     if (question)
       this.text("question-label", this.texts.get("question", { number: question.number, count: question.count }));
     this.text("statement", question?.text ?? "");
-    this.scale.show(question, answered, this.texts);
+    this.scale.show(question, answered, this.texts, staged ? { segment } : null);
   }
 
   /** Sets a text only if it changes, because screen readers announce every change. */

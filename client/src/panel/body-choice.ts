@@ -1,11 +1,12 @@
 import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "../generated/messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
-import type { Texts } from "../page/texts";
+import type { Key, Texts } from "../page/texts";
 
 export const SEXES = ["woman", "man"] as const;
 
-/** A body to choose: its button's label or colour, whether it is the present one, and the message that selects it. */
+/** A body to choose: its name, its button's label or colour, whether it is chosen, and the message that selects it. */
 interface Choice {
+  name: string;
   label: string;
   colour: string | null;
   chosen: boolean;
@@ -24,7 +25,7 @@ export function canChooseBody(phase: Phase | null): boolean {
 export function layoutBodyButtons(body: Body, area: Box, texts: Texts): BodyButton[] {
   const height = area.height * 0.46;
   const tones = { ...area, y: area.y + area.height - height, height };
-  const rows = [row(sexChoices(body, texts), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
+  const rows = [row(sexChoices(body, texts), { ...area, height }, 3), row(toneChoices(body, texts), tones, 1)].flat();
   return rows.map((button, at) => ({ ...button, value: at + 1 }));
 }
 
@@ -34,6 +35,7 @@ export function cssColour(rgb: readonly number[]): string {
 
 function sexChoices(body: Body, texts: Texts): Choice[] {
   return SEXES.map((sex) => ({
+    name: texts.get(sex),
     label: texts.get(sex),
     colour: null,
     chosen: sex === body.sex,
@@ -41,8 +43,9 @@ function sexChoices(body: Body, texts: Texts): Choice[] {
   }));
 }
 
-function toneChoices(body: Body): Choice[] {
+function toneChoices(body: Body, texts: Texts): Choice[] {
   return body.skin_tones.map((tone, at) => ({
+    name: texts.get(tone as Key),
     label: "",
     colour: cssColour(body.skin_tones_rgb[at]!),
     chosen: tone === body.skin_tone,

@@ -13,6 +13,7 @@ import {
   type Button,
 } from "./questionnaire";
 import type { Key, Texts } from "../page/texts";
+import { segmentLabel, segmentsOf, type Segment } from "./segments";
 
 /** Values of buttons that are no answers: previous question, confirm answers, calibrate again, go on. */
 export const BACK = -1;
@@ -43,7 +44,8 @@ const ANCHORS_HEIGHT = 170;
 const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
 const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
 const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
-const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
+const BODY_BOX: Box = { x: MARGIN + 150, y: 420, width: WIDTH - 2 * MARGIN - 300, height: 270 };
+const GO_ON_BOX: Box = { x: WIDTH / 2 - 260, y: 710, width: 520, height: 120 };
 /** Maximum height of a button with text, and the share of it that the text may fill. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
@@ -68,19 +70,42 @@ type Context = CanvasRenderingContext2D;
 type Asking = PanelContent & { question: Question };
 type Choosing = PanelContent & { body: Body };
 
+/** All buttons in the order of a scan. */
 export function buttonsOf(content: PanelContent | null): Button[] {
-  if (!content || !(content.question || content.confirms || content.again)) return bodiesOf(content);
-  const buttons = content.question ? questionButtons(content.question) : actionButtons(content.confirms);
-  return isRightToLeft(content.texts) ? mirrored(buttons, PANEL_BOX) : buttons;
+  if (!content) return [];
+  const { question, confirms, again, goesOn } = content;
+  if (question) return inDirection(questionButtons(content, question), content);
+  if (confirms || again) return inDirection(actionButtons(confirms), content);
+  return [...bodiesOf(content), ...(goesOn ? [{ ...GO_ON_BOX, value: GO_ON }] : [])];
 }
 
-function questionButtons(question: Question): Button[] {
-  const back = question.number > 1 ? [{ ...BACK_BOX, value: BACK }] : [];
-  return [...scaleButtons(question), ...back];
+function inDirection(buttons: Button[], { texts }: PanelContent): Button[] {
+  return isRightToLeft(texts) ? mirrored(buttons, PANEL_BOX) : buttons;
 }
 
-function scaleButtons(question: Question): Button[] {
+/** The label of a button. */
+export function buttonLabel(content: PanelContent, value: number): string {
+  const { question, texts } = content;
+  if (value in ACTION_TEXTS) return texts.get(ACTION_TEXTS[value]!);
+  if (!question) return bodiesOf(content).find((body) => body.value === value)?.name ?? "";
+  const segment = segmentsOf(question).find((each) => each.value === value);
+  return segment ? segmentLabel(question, segment) : labelOf(question, value);
+}
+
+function questionButtons({ staged, segment }: PanelContent, question: Question): Button[] {
+  const back = question.number > 1 || segment ? [{ ...BACK_BOX, value: BACK }] : [];
+  return [...scaleButtons(question, staged, segment), ...back];
+}
+
+function scaleButtons(question: Question, staged: boolean, segment: Segment | null): Button[] {
   const { points, labels } = question;
+  if (segment) {
+    const places = layoutButtons(segment.last - segment.first + 1, BUTTON_BOX);
+    return places.map((place) => ({ ...place, value: place.value + segment.first - 1 }));
+  }
+  const segments = staged ? segmentsOf(question) : [];
+  if (segments.length > 0)
+    return layoutWords(segments.length, BUTTON_BOX, WORDS_HEIGHT).map((place, at) => ({ ...place, value: segments[at]!.value }));
   if (isLine(question)) return layoutLine(points, LINE_BOX);
   return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
 }
@@ -114,8 +139,11 @@ export function paint(
   context.direction = isRightToLeft(content.texts) ? "rtl" : "ltr";
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
   else if (content.confirms || content.again) paintChoice(context, content, buttons, hovered);
-  else if (letsChoose(content)) paintBodies(context, content, hovered);
-  else if (content.text) paintText(context, content);
+  else {
+    if (letsChoose(content)) paintBodies(context, content, hovered);
+    else if (content.text) paintText(context, content);
+    paintActions(context, content.texts, buttons, hovered);
+  }
   if (content.notice) paintNotice(context, content.notice);
 }
 
@@ -136,31 +164,32 @@ function paintBackground(context: Context): void {
   context.stroke();
 }
 
-function paintText(context: Context, { label, text, secondsLeft }: PanelContent): void {
+function paintText(context: Context, { label, text, secondsLeft, goesOn }: PanelContent): void {
   paintLabel(context, label);
   const counting = secondsLeft !== null;
-  const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 240 } : TEXT_BOX;
-  paintLines(context, text, box, INSTRUCTION);
+  const bottom = (goesOn ? GO_ON_BOX.y : TEXT_BOX.y + TEXT_BOX.height) - (counting ? 240 : 0);
+  paintLines(context, text, { ...TEXT_BOX, height: bottom - TEXT_BOX.y - 20 * Number(goesOn) }, INSTRUCTION);
   if (counting)
-    paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
+    paintLine(context, String(secondsLeft), WIDTH / 2, bottom + 120, `600 220px ${FONT}`, COLOUR.hovered, "center");
 }
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
   const { question, texts } = content;
   const answered = content.answered ?? question.previous_answer;
-  const scale = buttons.filter(({ value }) => value > 0);
+  const scale = buttons.filter(({ value }) => !(value in ACTION_TEXTS));
+  const drawsLine = isLine(question) && !content.staged;
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, STATEMENT);
   paintActions(context, texts, buttons, hovered);
-  if (isLine(question)) paintLineOf(context, scale, hovered, answered);
+  if (drawsLine) paintLineOf(context, scale, hovered, answered);
   else {
-    const size = labelSize(context, question, scale);
+    const size = labelSize(context, content, scale);
     for (const button of scale) {
       const colours = buttonColours(button.value, hovered, answered);
-      paintButton(context, button, labelOf(question, button.value), size, colours);
+      paintButton(context, button, buttonLabel(content, button.value), size, colours);
     }
   }
-  if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(texts));
+  if ((!saysItsEnds(question) || isLine(question)) && !content.segment) paintAnchors(context, question, scale, isRightToLeft(texts));
 }
 
 function paintChoice(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
@@ -171,7 +200,7 @@ function paintChoice(context: Context, content: PanelContent, buttons: Button[],
 
 /** Paints the buttons that are no answers. */
 function paintActions(context: Context, texts: Texts, buttons: Button[], hovered: number | null): void {
-  for (const button of buttons.filter(({ value }) => value < 0)) {
+  for (const button of buttons.filter(({ value }) => value in ACTION_TEXTS)) {
     const label = texts.get(ACTION_TEXTS[button.value]!);
     const size = fittingSize(context, label, inside(button), LABEL, 600);
     paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
@@ -199,9 +228,9 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
 }
 
 /** The font size at which the texts of all buttons fit. */
-function labelSize(context: Context, question: Question, buttons: Button[]): number {
+function labelSize(context: Context, content: PanelContent, buttons: Button[]): number {
   const sizes = buttons.map((button) =>
-    fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.5), 600),
+    fittingSize(context, buttonLabel(content, button.value), inside(button), Math.round(button.height * 0.5), 600),
   );
   return Math.min(...sizes);
 }

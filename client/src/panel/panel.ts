@@ -1,9 +1,9 @@
-import { Vector3 } from "three";
-import { CanvasPlane } from "./canvas-plane";
+import { BufferGeometry, Mesh, MeshBasicMaterial, RingGeometry, Vector3 } from "three";
+import { CanvasPlane, OVERLAY_ORDER } from "./canvas-plane";
 import type { PanelContent } from "../session/display-state";
 import { findFreePlace, isFree } from "./panel-placement";
-import type { ChooseBody } from "../generated/messages";
-import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint-panel";
+import type { ChooseBody, Target } from "../generated/messages";
+import { HEIGHT, WIDTH, bodiesOf, buttonLabel, buttonsOf, paint } from "./paint-panel";
 import { hitButton, type Button } from "./questionnaire";
 
 const PANEL_WIDTH_M = 0.7;
@@ -11,17 +11,26 @@ const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
 const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
 export const PANEL_HALF_M = { x: PANEL_WIDTH_M / 2, y: PANEL_HEIGHT_M / 2 };
 
-/** The intersection of a ray with the panel: distance in metres, and the button there. */
+/** The intersection of a ray with the panel: distance in metres, the button there, and the place from the middle. */
 export interface PanelHit {
   distance: number;
   value: number | null;
+  x: number;
+  y: number;
 }
+
+const RING_M = { outer: 0.032, inner: 0.022 };
+const RING_STEPS = 40;
 
 /** The text panel in VR. It is placed in front of the participant when it appears, and then stays. */
 export class Panel {
   readonly mesh: CanvasPlane["mesh"];
   buttons: Button[] = [];
   hovered: number | null = null;
+  /** The number of the offered targets. */
+  offer = 0;
+  private readonly ring = new Mesh(new BufferGeometry(), new MeshBasicMaterial({ color: 0xffd36b, depthTest: false, toneMapped: false }));
+  private ringStep = 0;
   private readonly plane: CanvasPlane;
   private content: PanelContent | null = null;
   private placed = false;
@@ -33,6 +42,9 @@ export class Panel {
     this.plane = new CanvasPlane(WIDTH, HEIGHT, PANEL_WIDTH_M);
     this.plane.texture.anisotropy = anisotropy;
     this.mesh = this.plane.mesh;
+    this.ring.renderOrder = OVERLAY_ORDER + 2;
+    this.ring.visible = false;
+    this.mesh.add(this.ring);
   }
 
   get visible(): boolean {
@@ -43,10 +55,16 @@ export class Panel {
     if (JSON.stringify(content) === JSON.stringify(this.content)) return;
     this.content = content;
     this.buttons = buttonsOf(content);
-    this.hovered = null;
+    if (!this.buttons.some(({ value }) => value === this.hovered)) this.hovered = null;
     if (!content) this.placed = false;
     this.mesh.visible = content !== null && this.placed;
     this.repaint();
+  }
+
+  /** The buttons as targets, in the order of a scan. */
+  get targets(): Target[] {
+    const { content } = this;
+    return content ? this.buttons.map(({ value }) => ({ value, label: buttonLabel(content, value) })) : [];
   }
 
   /** The body of the button with this value, or null. */
@@ -54,10 +72,29 @@ export class Panel {
     return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
   }
 
-  hover(value: number | null): void {
+  /** Highlights a button, with a ring that is full at `progress` 1. */
+  hover(value: number | null, progress: number): void {
+    this.fillRing(value, Math.round(progress * RING_STEPS));
     if (value === this.hovered) return;
     this.hovered = value;
     this.repaint();
+  }
+
+  private fillRing(value: number | null, step: number): void {
+    const button = this.buttons.find((each) => each.value === value);
+    this.ring.visible = !!button && step > 0;
+    if (!button || step === 0) return;
+    const aside = button.width > 1.6 * button.height ? button.height : button.width;
+    this.ring.position.copy(this.localPoint(button.x + aside / 2, button.y + button.height / 2)).setZ(0.002);
+    if (step === this.ringStep) return;
+    this.ringStep = step;
+    this.ring.geometry.dispose();
+    const length = (2 * Math.PI * step) / RING_STEPS;
+    this.ring.geometry = new RingGeometry(RING_M.inner, RING_M.outer, RING_STEPS, 1, Math.PI / 2 - length, length);
+  }
+
+  private localPoint(x: number, y: number): Vector3 {
+    return new Vector3((x - WIDTH / 2) / PIXELS_PER_M, (HEIGHT / 2 - y) / PIXELS_PER_M, 0);
   }
 
   /** The next `place` chooses a new place. */
@@ -92,16 +129,14 @@ export class Panel {
     const x = from.x + to.x * distance;
     const y = from.y + to.y * distance;
     if (!(distance > 0) || Math.abs(x) > PANEL_WIDTH_M / 2 || Math.abs(y) > PANEL_HEIGHT_M / 2) return false;
-    into.distance = distance;
+    Object.assign(into, { distance, x, y });
     into.value = hitButton(this.buttons, x * PIXELS_PER_M + WIDTH / 2, HEIGHT / 2 - y * PIXELS_PER_M);
     return true;
   }
 
   /** The centre of a button in `local-floor`. */
   centreOf(button: Button): Vector3 {
-    const x = (button.x + button.width / 2 - WIDTH / 2) / PIXELS_PER_M;
-    const y = (HEIGHT / 2 - button.y - button.height / 2) / PIXELS_PER_M;
-    return this.mesh.localToWorld(new Vector3(x, y, 0));
+    return this.mesh.localToWorld(this.localPoint(button.x + button.width / 2, button.y + button.height / 2));
   }
 
   private repaint(): void {

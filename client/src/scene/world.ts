@@ -40,6 +40,8 @@ export class World {
   private newest: Scene | null = null;
   private shown: Scene | null = null;
   private firstPerson = false;
+  /** Amputated arms, which are not drawn. */
+  absentArms: readonly Side[] = [];
   private motion: Motion | null = null;
 
   constructor() {
@@ -134,9 +136,11 @@ export class World {
   /** Draws the tracked fingers of a hand at the drawn pose of the hand; `seen` is the tracked one. */
   private drawHand(side: Side, bareHands: TrackedHands, seen: Pose | null | undefined): void {
     const body = `${PERSON.prefix}${side}_hand`;
-    const joints = bareHands[side];
+    const absent = this.absentArms.includes(side);
+    for (const part of ["upper_arm", "forearm"]) this.content?.collapse(`${PERSON.prefix}${side}_${part}`, absent);
+    const joints = absent ? null : bareHands[side];
     const at = this.shown!.bodies.indexOf(body) * POSE;
-    this.content?.collapse(body, !!(joints && seen));
+    this.content?.collapse(body, absent || !!(joints && seen));
     if (!joints || !seen) return this.hands.hide(side);
     const [x, y, z, ...q] = this.drawn.subarray(at, at + POSE);
     const [w, qx, qy, qz] = q;

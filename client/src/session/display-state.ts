@@ -2,6 +2,7 @@ import type { Link } from "./connection";
 import { PHASES_WHERE, type Body, type Phase, type Question } from "../generated/messages";
 import { textFor, type InputKind } from "../input/input-kind";
 import type { Key, Texts } from "../page/texts";
+import type { Segment } from "../panel/segments";
 
 /** The state that determines the displayed texts. */
 export interface DisplayState {
@@ -16,6 +17,9 @@ export interface DisplayState {
   answered: number | null;
   problem: string | null;
   secondsLeft: number | null;
+  /** Whether long scales are shown in segments, and the chosen one. */
+  staged: boolean;
+  segment: Segment | null;
   /** The participant's select input in VR. */
   input: InputKind;
   /** Whether the participant is in VR or takes part without a headset. */
@@ -36,6 +40,10 @@ export interface PanelContent {
   confirms: boolean;
   /** Whether the participant may be calibrated again. */
   again: boolean;
+  /** Whether the participant may go on. */
+  goesOn: boolean;
+  staged: boolean;
+  segment: Segment | null;
 }
 
 const LINK_TEXTS: Record<Link, Key> = {
@@ -68,15 +76,17 @@ export function linkText({ texts, link, code }: Pick<DisplayState, "texts" | "li
 
 /** The content of the panel in VR; null if it is empty. */
 export function panelContent(display: DisplayState): PanelContent | null {
-  const { texts, question, phase, answered, secondsLeft } = display;
+  const { texts, question, phase, answered, secondsLeft, staged, segment } = display;
   const notice = display.link === "connected" ? display.problem : linkText(display);
   const label = question ? texts.get("of", { number: question.number, count: question.count }) : phaseLabel(phase, texts);
   const text = question ? question.text : phaseText(phase, display.input);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
   const [confirms, again] = [confirmsAnswers(phase), mayRecalibrate(phase)];
+  const goesOn = awaitsReady(phase) && !question && !confirms;
   const counts = question ? null : secondsLeft;
-  return { texts, label, text, secondsLeft: counts, question, body, answered, notice, confirms, again };
+  const shown = { texts, label, text, secondsLeft: counts, question, body, answered, notice };
+  return { ...shown, confirms, again, goesOn, staged, segment };
 }
 
 /** The number of the trial; empty outside trials. */
@@ -88,7 +98,7 @@ export function phaseLabel(phase: Phase | null, texts: Texts): string {
 /** The text of a phase; empty while the robot moves, so that nothing covers the view. */
 function phaseText(phase: Phase | null, input: InputKind): string {
   if (!phase || phase.name === "trial" || phase.name === "retreat") return "";
-  return textFor(input, phase.text, phase.texts_by_input);
+  return textFor(input, phase.text, phase.texts_by_input, phase.page_text);
 }
 
 /** Whether the participant must confirm their answers. */
@@ -96,9 +106,9 @@ export function confirmsAnswers(phase: Phase | null): boolean {
   return phase?.name === "confirm";
 }
 
-/** Whether there is a previous answer to change. */
-export function mayGoBack({ phase, question }: Pick<DisplayState, "phase" | "question">): boolean {
-  return question ? question.number > 1 : confirmsAnswers(phase);
+/** Whether there is a previous answer to change, or another segment to choose. */
+export function mayGoBack({ phase, question, segment }: Pick<DisplayState, "phase" | "question" | "segment">): boolean {
+  return question ? question.number > 1 || segment !== null : confirmsAnswers(phase);
 }
 
 /** Whether the session waits for a trigger press. */

@@ -2,7 +2,9 @@ import { Quaternion, Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
 import type { Connection } from "./connection";
 import type { Panel } from "../panel/panel";
+import { kindOfProfile, points, pointsWith } from "../input/input-profile";
 import { Pointers } from "../input/pointers";
+import type { Selection } from "../input/selection";
 import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 
 /** Handles XR frames: sends poses, places the panel, updates the pointers. */
@@ -23,6 +25,7 @@ export class XRFrameHandler {
 
   constructor(
     private readonly panel: Panel,
+    private readonly selection: Selection,
     private readonly connection: Connection,
     private readonly surfacePoints: (eyes: Vector3) => Float32Array,
   ) {}
@@ -36,9 +39,21 @@ export class XRFrameHandler {
 
   frame(frame: XRFrame, space: XRReferenceSpace): void {
     this.frames++;
-    if (this.panel.visible) this.placePanel(frame.getViewerPose(space));
-    if (this.panel.buttons.length > 0) this.panel.hover(this.pointers.point(frame, space, this.panel));
+    const { panel, selection } = this;
+    if (panel.visible) this.placePanel(frame.getViewerPose(space));
+    if (panel.buttons.length > 0) this.point(frame, space);
     else this.pointers.hide();
+    panel.hover(selection.highlighted, selection.progress);
+  }
+
+  /** Feeds rays or the head's direction to the selection. */
+  private point(frame: XRFrame, space: XRReferenceSpace): void {
+    const { panel, pointers, selection } = this;
+    const { profile } = selection;
+    if (kindOfProfile(profile) === "dwell")
+      selection.look(pointers.look(frame.getViewerPose(space), panel), performance.now());
+    else if (points(profile)) selection.point(pointers.point(frame, space, panel, (source) => pointsWith(profile, source)));
+    else pointers.hide();
   }
 
   /** The joints of bare hands in the last frame. */
@@ -46,9 +61,11 @@ export class XRFrameHandler {
     return this.reader.bareHands;
   }
 
-  /** The value of the button at which a source points, or null. */
-  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace): number | null {
-    return this.panel.buttons.length > 0 ? this.pointers.pointedAt(source, frame, space, this.panel) : null;
+  /** The button at which a source points. Null: the participant does not point with this source. */
+  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace): ReturnType<Pointers["pointedAt"]> | null {
+    if (!pointsWith(this.selection.profile, source)) return null;
+    if (this.panel.buttons.length === 0) return { value: null, rests: false };
+    return this.pointers.pointedAt(source, frame, space, this.panel);
   }
 
   /** Sends poses, unless there is a backlog or the participant does not see the scene. */

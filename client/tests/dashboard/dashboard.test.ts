@@ -1,3 +1,4 @@
+import { CONTROLLERS } from "../../src/input/input-profile";
 import { describe, expect, it } from "vitest";
 import { sessionText } from "../../src/dashboard/live-session";
 import { Refusal, type ConditionResults, type Participant, type Trial } from "../../src/dashboard/study-api";
@@ -40,6 +41,8 @@ const PERSON: Participant = {
   consented_at: null,
   consent_version: null,
   must_reconsent: false,
+      input: { ...CONTROLLERS },
+      input_words: "controllers",
   trials: [TRIAL],
   notes: [],
       adverse_events: [],

@@ -3,6 +3,7 @@ import { beforeAll, describe, expect, it } from "vitest";
 import { panelContent } from "../../src/session/display-state";
 import type { Question } from "../../src/generated/messages";
 import { Panel } from "../../src/panel/panel";
+import { MOVED_M } from "../../src/input/arrival";
 import { Pointers } from "../../src/input/pointers";
 import { ENGLISH_TEXTS } from "../../src/page/texts";
 
@@ -11,6 +12,7 @@ const QUESTION: Question = {
   ...{ number: 2, count: 4, previous_answer: null },
 };
 const SPACE = {} as XRReferenceSpace;
+const ANY = () => true;
 const EYES = new Vector3(0, 1.2, 0);
 const NOBODY = () => new Float32Array();
 
@@ -22,7 +24,7 @@ beforeAll(() => {
 /** A panel that asks a question, straight ahead. */
 function askingPanel(): Panel {
   const panel = new Panel(1);
-  const display = { phase: null, body: null, answered: null, problem: null, secondsLeft: null, participates: true };
+  const display = { phase: null, body: null, answered: null, problem: null, secondsLeft: null, participates: true, staged: false, segment: null };
   panel.show(panelContent({ texts: ENGLISH_TEXTS, link: "connected", code: 0, input: "trigger", question: QUESTION, ...display }));
   panel.place(EYES, new Vector3(0, 0, -1), NOBODY);
   panel.mesh.updateMatrixWorld();
@@ -65,30 +67,32 @@ describe("an input source", () => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
     for (const { value } of panel.buttons) {
       const pointing = source(mode, hand, towards(panel, value));
-      expect(pointers.pointedAt(pointing, frame(pointing), SPACE, panel)).toBe(value);
+      expect(pointers.pointedAt(pointing, frame(pointing), SPACE, panel).value).toBe(value);
     }
     const aside = source(mode, hand, ASIDE);
-    expect(pointers.pointedAt(aside, frame(aside), SPACE, panel)).toBeNull();
+    expect(pointers.pointedAt(aside, frame(aside), SPACE, panel).value).toBeNull();
     const lost = source(mode, hand, null);
-    expect(pointers.pointedAt(lost, frame(lost), SPACE, panel)).toBeNull();
+    expect(pointers.pointedAt(lost, frame(lost), SPACE, panel).value).toBeNull();
   });
 
   it.each(["transient-pointer", "screen"] as const)("with a ray of kind %s points as it begins, whatever follows", (mode) => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
     const pinch = source(mode, "none", towards(panel, 3));
-    expect(pointers.pointedAt(pinch, frame(pinch), SPACE, panel)).toBe(3);
+    expect(pointers.pointedAt(pinch, frame(pinch), SPACE, panel)).toEqual({ value: 3, rests: false });
     const end = () => pointers.group.children[0]!.quaternion.toArray();
     const began = end();
     pinch.targetRaySpace.ray = towards(panel, 6);
-    expect(pointers.point(frame(pinch), SPACE, panel)).toBeNull();
+    expect(pointers.point(frame(pinch), SPACE, panel, ANY)).toBeNull();
     expect(end()).toEqual(began);
   });
 
   it("that is gone leaves no ray", () => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
-    const gone = source("tracked-pointer", "right", towards(panel, 2));
-    expect(pointers.point(frame(gone), SPACE, panel)).toBe(2);
-    expect(pointers.point(frame(), SPACE, panel)).toBeNull();
+    const gone = source("tracked-pointer", "right", ASIDE);
+    pointers.point(frame(gone), SPACE, panel, ANY);
+    gone.targetRaySpace.ray = towards(panel, 2);
+    expect(pointers.point(frame(gone), SPACE, panel, ANY)).toBe(2);
+    expect(pointers.point(frame(), SPACE, panel, ANY)).toBeNull();
     expect(pointers.group.children.some(({ visible }) => visible)).toBe(false);
   });
 
@@ -97,31 +101,49 @@ describe("an input source", () => {
     for (let pinch = 0; pinch < 100; pinch++) {
       const pinching = source("transient-pointer", "none", towards(panel, 2));
       pointers.pointedAt(pinching, frame(pinching), SPACE, panel);
-      pointers.point(frame(), SPACE, panel);
+      pointers.point(frame(), SPACE, panel, ANY);
     }
     expect(pointers.group.children.length).toBe(1);
+  });
+});
+
+describe("a ray that rests on a button when the panel appears", () => {
+  it("is not on the button until it has moved", () => {
+    const [panel, pointers] = [askingPanel(), new Pointers()];
+    const resting = source("tracked-pointer", "right", towards(panel, 4));
+    const at = () => pointers.pointedAt(resting, frame(resting), SPACE, panel);
+    expect(pointers.point(frame(resting), SPACE, panel, ANY)).toBeNull();
+    expect(at()).toEqual({ value: 4, rests: true });
+    resting.targetRaySpace.ray!.to.x += MOVED_M + 0.001;
+    expect(at()).toEqual({ value: 4, rests: false });
+    panel.offer++;
+    expect(at()).toEqual({ value: 4, rests: true });
+    resting.targetRaySpace.ray = towards(panel, 5);
+    expect(at()).toEqual({ value: 5, rests: false });
   });
 });
 
 describe("of several sources", () => {
   it("the one that came to a button last counts", () => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
-    const [left, right] = [source("tracked-pointer", "left", ASIDE), source("tracked-pointer", "right", towards(panel, 5))];
+    const [left, right] = [source("tracked-pointer", "left", ASIDE), source("tracked-pointer", "right", ASIDE)];
     const both = frame(left, right);
-    expect(pointers.point(both, SPACE, panel)).toBe(5);
+    pointers.point(both, SPACE, panel, ANY);
+    right.targetRaySpace.ray = towards(panel, 5);
+    expect(pointers.point(both, SPACE, panel, ANY)).toBe(5);
     left.targetRaySpace.ray = towards(panel, 1);
-    expect(pointers.point(both, SPACE, panel)).toBe(1);
+    expect(pointers.point(both, SPACE, panel, ANY)).toBe(1);
     right.targetRaySpace.ray = towards(panel, 6);
-    expect(pointers.point(both, SPACE, panel)).toBe(6);
+    expect(pointers.point(both, SPACE, panel, ANY)).toBe(6);
     right.targetRaySpace.ray = ASIDE;
-    expect(pointers.point(both, SPACE, panel)).toBe(1);
+    expect(pointers.point(both, SPACE, panel, ANY)).toBe(1);
   });
 
   it("each chooses what it points at itself", () => {
     const [panel, pointers] = [askingPanel(), new Pointers()];
     const [gaze, hand] = [source("gaze", "none", towards(panel, 4)), source("tracked-pointer", "right", towards(panel, 2))];
-    pointers.point(frame(gaze, hand), SPACE, panel);
-    expect(pointers.pointedAt(gaze, frame(gaze, hand), SPACE, panel)).toBe(4);
-    expect(pointers.pointedAt(hand, frame(gaze, hand), SPACE, panel)).toBe(2);
+    pointers.point(frame(gaze, hand), SPACE, panel, ANY);
+    expect(pointers.pointedAt(gaze, frame(gaze, hand), SPACE, panel).value).toBe(4);
+    expect(pointers.pointedAt(hand, frame(gaze, hand), SPACE, panel).value).toBe(2);
   });
 });

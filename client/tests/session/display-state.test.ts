@@ -35,7 +35,7 @@ function phase(name: Phase["name"], text = "Texts"): Phase {
 }
 
 function display(changes: Partial<DisplayState>): DisplayState {
-  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, participates: true };
+  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, participates: true, staged: false, segment: null };
   return { texts: ENGLISH_TEXTS, link: "connected", code: 0, input: "trigger", ...nothing, ...changes };
 }
 
@@ -86,7 +86,7 @@ describe("the bodies to choose", () => {
   const calibration = display({ phase: phase("calibration"), body: BODY });
 
   it("are on the panel only while the participant is measured", () => {
-    expect(buttonsOf(panelContent(calibration)).length).toBe(4);
+    expect(buttonsOf(panelContent(calibration)).length).toBe(5);
     expect(bodiesOf(panelContent({ ...calibration, phase: phase("check") }))).toEqual([]);
     expect(buttonsOf(panelContent({ ...calibration, question: QUESTION })).length).toBe(QUESTION.points + 1);
   });

@@ -11,6 +11,7 @@ from avrgym.cli.activity_log import log
 from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
+from avrgym.recording.input_profile import CONTROLLERS, METHODS, STOP_WAYS
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -233,6 +234,57 @@ def data_protection(folder: Folder) -> None:
     with plain_errors(), Store(folder) as store:
         for path in write_data_protection(store):
             print_line(f"draft     {path}")
+
+
+def change_input(
+    folder: Folder,
+    participant: Pseudonym,
+    method: Annotated[str | None, typer.Option(help=f"How they select: {', '.join(METHODS)}.")] = None,
+    dwell: Annotated[
+        float | None, typer.Option("--dwell", help="head: seconds until the ring is full, 0.5 to 3.")
+    ] = None,
+    scan: Annotated[
+        float | None, typer.Option("--scan", help="one-switch: seconds on each target, 0.5 to 10.")
+    ] = None,
+    select_key: Annotated[str | None, typer.Option(help="two-switches: the key that selects.")] = None,
+    resting_arm: Annotated[
+        list[str] | None, typer.Option(help="An arm that they cannot move: left or right; repeatable.")
+    ] = None,
+    absent_arm: Annotated[
+        list[str] | None, typer.Option(help="An amputated arm: left or right; repeatable.")
+    ] = None,
+    stop: Annotated[
+        list[str] | None, typer.Option(help=f"How they stop: {', '.join(STOP_WAYS)}; repeatable.")
+    ] = None,
+) -> None:
+    """Show or change how a participant selects and stops.
+
+    Options that are not given keep their values. A new method has its own default stop. During a session, use the
+    dashboard instead.
+    """
+    from avrgym.study.people.input_profiles import checked_profile, set_input_profile
+    from avrgym.study.storage.store import Store
+
+    options = {
+        "method": method,
+        "dwell_s": dwell,
+        "scan_s": scan,
+        "select_key": select_key,
+        "resting_arms": resting_arm,
+        "absent_arms": absent_arm,
+        "stops": stop,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    with plain_errors(), Store(folder) as store:
+        before = store.participant(participant).input_profile or CONTROLLERS
+        known = {name: getattr(before, name) for name in before.__struct_fields__}
+        if method is not None and method != before.method:
+            known["stops"] = None
+        profile = checked_profile(known | given)
+        if given:
+            set_input_profile(store, participant, profile)
+            log(store, "change input", participant)
+    print_line(f"{participant}  {profile.describe()}")
 
 
 def functioning(folder: Folder, participant: Pseudonym) -> None:

@@ -12,6 +12,7 @@ from avrgym.cli.names import encrypt_names, names, print_key, unlock
 from avrgym.cli.options import PEOPLE, Cluster, Impairment, on_cluster
 from avrgym.cli.participant_records import (
     adverse_events,
+    change_input,
     data_protection,
     functioning,
     participant_data,
@@ -33,6 +34,7 @@ from avrgym.cli.terminal import (
     write_json,
 )
 from avrgym.models.body_names import SEXES
+from avrgym.recording.input_profile import METHODS
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary
@@ -69,6 +71,7 @@ app.command()(participant_data)
 app.command()(data_protection)
 app.command()(functioning)
 app.command()(preferences)
+app.command("input")(change_input)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)
@@ -127,11 +130,18 @@ def enrol(
             "--confirm-duplicate", help="Enrol although another participant has the same name or contact."
         ),
     ] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--input", help=f"How they select: {', '.join(METHODS)}. `study input` sets the details."
+        ),
+    ] = "",
 ) -> None:
     """Enrol a participant under a new pseudonym.
 
     Each person takes part once. The command therefore rejects a name or contact that another participant has.
     """
+    from avrgym.study.people.input_profiles import checked_profile
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
@@ -151,6 +161,7 @@ def enrol(
             contact=contact,
             site=site,
             confirm_duplicate=confirm_duplicate,
+            input_profile=checked_profile({"method": method}) if method else None,
         )
         log(store, "enrol", pseudonym)
     print_line(f"enrolled  {pseudonym}")

@@ -12,6 +12,7 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person, Sex
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.questionnaires.stop_rules import StopRule
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.recording.schema import Pose
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.settings import DEFAULTS, Settings
@@ -51,9 +52,9 @@ class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
 class TrackedPart(msgspec.Struct, frozen=True):
     """The tracking quality of the head or a hand."""
 
-    with_: Annotated[str, Meta(description="`headset`, `controller`, `hand` (bare), `mouse` or `none`.")] = (
-        msgspec.field(name="with")
-    )
+    with_: Annotated[
+        str, Meta(description="`headset`, `controller`, `hand` (bare), `mouse`, `rests` or `none`.")
+    ] = msgspec.field(name="with")
     share: Annotated[float, Meta(description="Share of the frames in which it was tracked.")]
     jitter_mm: Annotated[
         float | None,
@@ -125,6 +126,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     )
     headset_check: HeadsetCheck | None = None
     consent: RecordedConsent | None = None
+    input_profile: Annotated[
+        InputProfile, Meta(description="How the participant selected and stopped, at the start of the trial.")
+    ] = CONTROLLERS
     settings: Annotated[
         Settings, Meta(description="Settings of the environment that differ from the defaults.")
     ] = DEFAULTS

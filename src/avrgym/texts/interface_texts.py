@@ -33,12 +33,24 @@ OPTIONAL_PAGE_KEYS = (
     "wrong_code",
     "too_many_codes",
     "robot_commands",
+    "stop_by_switch",
+    "stop_by_experimenter",
+    "by_dwell",
+    "by_scan",
+    "by_step",
+    "by_remote",
 )
-"""Optional keys under ``page``. Their default is the English text."""
+OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one")
+"""Optional keys under ``page`` and ``session``. Their default is the English text."""
 PAGE_SUFFIX = "_page"
 """Suffix of keys under ``session``. Texts with this suffix are for the page without a headset."""
 SELECT, SELECT_BY = "select", "select_by_"
 """Placeholder for the name of the participant's select action, and prefix of the keys with these names."""
+CHOOSE, CHOOSE_BY = "choose", "choose_by_"
+"""The same for an action that chooses a button with a name."""
+PROFILE_INPUTS = ("dwell", "scan", "step", "remote")
+"""Kinds of select input that come from input profiles: head, one switch, two switches and experimenter. Their names are
+optional."""
 DEFAULT_INPUT = "trigger"
 
 
@@ -84,9 +96,9 @@ class Texts:
 
     def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
         """Returns the text for VR with filled-in placeholders. ``select_by``: the kind of select input."""
-        select = self.session.get(SELECT_BY + select_by, "")
+        select, choose = (self.session.get(prefix + select_by, "") for prefix in (SELECT_BY, CHOOSE_BY))
         values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
-        values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
+        values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:], CHOOSE: choose}
         return self.session[text.key].format_map(values)
 
     def _render_value(self, value: str | Text, select_by: str) -> str:
@@ -161,7 +173,7 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
         added.name or included.name or language,
         added.direction or included.direction or DIRECTIONS[0],
         added.decimal or included.decimal or ".",
-        included.session | added.session,
+        {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_KEYS} | included.session | added.session,
         {key: _ENGLISH.page[key] for key in OPTIONAL_PAGE_KEYS} | included.page | added.page,
         {
             normalize_whitespace(sentence): text
@@ -197,15 +209,16 @@ def _check(texts: Texts, where: str) -> None:
     """Raise ``TextsError`` if keys or placeholders differ from the English texts.
 
     A language may have additional texts for the page. It needs names of select actions only if a text contains
-    ``{select}``.
+    ``{select}`` or ``{choose}``.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
     for table in ("session", "page"):
         expected: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
-        selects = any(_SELECTS & _names(text) for text in found.values())
-        needed = [key for key in expected if selects or not key.startswith(SELECT_BY)]
+        own = [text for key, text in found.items() if key not in OPTIONAL_SESSION_KEYS]
+        named = {name for text in own for name in _names(text)}
+        needed = [key for key in expected if _is_needed(key, named)]
         missing = [key for key in needed if not found.get(key, "").strip()]
         like = {key: key if key in expected else key.removesuffix(PAGE_SUFFIX) for key in found}
         unknown = [key for key, english in like.items() if english not in expected]
@@ -226,7 +239,15 @@ def _check(texts: Texts, where: str) -> None:
                 )
 
 
-_SELECTS = {SELECT, SELECT.capitalize()}
+_SELECTS = {SELECT, SELECT.capitalize(), CHOOSE}
+
+
+def _is_needed(key: str, named: Collection[str]) -> bool:
+    """Whether a language needs a key, if its texts have the placeholders ``named``."""
+    for prefix, placeholders in ((SELECT_BY, {SELECT, SELECT.capitalize()}), (CHOOSE_BY, {CHOOSE})):
+        if key.startswith(prefix):
+            return key.removeprefix(prefix) not in PROFILE_INPUTS and bool(placeholders & set(named))
+    return True
 
 
 @cache

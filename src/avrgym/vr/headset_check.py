@@ -127,6 +127,8 @@ def _tracking_faults(check: HeadsetCheck) -> Iterator[Text]:
         if part.with_ == "mouse":
             yield Text("fault_mouse", tracked)
             continue
+        if part.with_ == "rests":
+            continue
         if part.share < MIN_TRACKED_SHARE:
             shares = {
                 "percent": f"{100.0 * part.share:.0f}",

@@ -342,6 +342,7 @@ class _Rebuilding:
             sha256=sha256_of(self._store, recorded.name),
             metrics=msgspec.to_builtins(recorded.recording.metrics),
             torso_height_m=recorded.configuration.person.torso_height_m,
+            input_profile=msgspec.to_builtins(recorded.configuration.input_profile),
             started_at=_stored(recorded.began_at),
             ended_at=now(),
         )

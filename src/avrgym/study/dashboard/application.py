@@ -15,10 +15,12 @@ from fastapi.concurrency import run_in_threadpool
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
+from avrgym.recording.input_profile import InputProfile
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
 from avrgym.study.people.identities import PossibleDuplicate
+from avrgym.study.people.input_profiles import checked_profile, set_input_profile
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
@@ -68,6 +70,10 @@ class LiveSessions(Protocol):
         """The session links; at most one is valid, that of the running session."""
         ...
 
+    def change_input(self, pseudonym: str, profile: InputProfile) -> None:
+        """Change how the participant of the running session selects and stops, and store it."""
+        ...
+
     def renew_link(self, pseudonym: str) -> None:
         """Create a new link for the participant's running session. The earlier link becomes invalid."""
         ...
@@ -101,6 +107,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: Line = ""
     contact: Line = ""
     confirm_duplicate: bool = False
+    input: dict[str, Any] | None = None
 
 
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -121,6 +128,12 @@ class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The participant's answer (yes or no) to each inclusion question, by id."""
 
     answers: dict[str, bool]
+
+
+class NewInput(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request to change how the participant selects and stops. ``profile``: see ``recording.input_profile``."""
+
+    profile: dict[str, Any]
 
 
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -168,6 +181,7 @@ def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
         name=new.name,
         contact=new.contact,
         confirm_duplicate=new.confirm_duplicate,
+        input_profile=None if new.input is None else checked_profile(new.input),
     )
     return {"participant": pseudonym}
 
@@ -202,6 +216,14 @@ def _check_version(dashboard: Dashboard, agreement: Agreement) -> None:
 
 def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
     record_inclusion(dashboard.store, pseudonym, inclusion.answers)
+
+
+def _change_input(dashboard: Dashboard, pseudonym: str, new: NewInput) -> None:
+    profile = checked_profile(new.profile)
+    if dashboard.live is not None and dashboard.live.participant == pseudonym:
+        dashboard.live.change_input(pseudonym, profile)
+    else:
+        set_input_profile(dashboard.store, pseudonym, profile)
 
 
 def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
@@ -244,6 +266,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "consent": (Agreement, _consent),
     "declined-consent": (Agreement, _decline),
     "inclusion": (InclusionAnswers, _include),
+    "input": (NewInput, _change_input),
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),
     "edited-notes": (EditedNote, _edit_note),
@@ -254,6 +277,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
 """Type of the request body and function of each action on a participant, by the last part of the action's route."""
 LOGGED_AS = {
     "identity": "change identity",
+    "input": "change input",
     "withdrawal": "withdraw",
     "notes": "add note",
     "edited-notes": "edit note",

@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from avrgym.models.furniture.real_furniture import RealFurniture
+from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
 from avrgym.recording.schema import Metrics
 from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design
@@ -55,7 +58,7 @@ class Overview:
 
     ``live``: pseudonym of the running session's participant. ``furniture``: the real seat and bed for the next session.
     ``languages``: names of languages by tag. ``experimenter``: name of the experimenter. ``scales``: rating scales of
-    adverse events; ``scales_words``: their sources.
+    adverse events; ``scales_words``: their sources. ``input_stops``: the ways to stop of each input method.
     """
 
     summary: StudySummary
@@ -67,6 +70,7 @@ class Overview:
     experimenter: str
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
+    input_stops: Mapping[str, tuple[str, ...]]
     link: SessionLink | None
 
 
@@ -126,7 +130,8 @@ class ParticipantView:
     """One participant. ``identified``: the identity file has an entry. ``may_become``: allowed next states.
 
     ``consent`` and ``inclusion`` (texts by id) are in the participant's ``language``. ``must_reconsent``: the
-    participant accepted another version of the consent text.
+    participant accepted another version of the consent text. ``input``: how the participant selects and stops;
+    ``input_words``: the same in one line.
     """
 
     participant: str
@@ -135,6 +140,8 @@ class ParticipantView:
     simulated: bool
     sex: str
     age_years: int | None
+    input: InputProfile
+    input_words: str
     identified: bool
     language: str
     direction: str
@@ -169,6 +176,7 @@ def overview(
         experimenter=experimenter,
         scales=SCALES,
         scales_words=SOURCES,
+        input_stops=POSSIBLE_STOPS,
         link=link,
     )
 
@@ -187,6 +195,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     """The view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
+    input_profile = participant.input_profile or CONTROLLERS
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
@@ -198,6 +207,8 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         simulated=participant.simulated,
         sex=participant.sex,
         age_years=participant.age_years,
+        input=msgspec.structs.replace(input_profile, stops=input_profile.stop_ways),
+        input_words=input_profile.describe(),
         identified=pseudonym in named_pseudonyms(store.folder),
         language=texts.language,
         direction=texts.direction,

@@ -6,6 +6,7 @@ from typing import Annotated
 from avrgym.models.human import SEXES
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.recording.input_profile import METHODS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
@@ -203,6 +204,14 @@ class AttemptRow(AttemptIdentifiers):
     torso_height_m: Annotated[
         float | None,
         Column("Torso height of the body model.", unit="m", empty="not completed, or left out"),
+    ]
+    input_method: Annotated[
+        str | None,
+        Column(
+            "How the participant selected: the method of the input profile.",
+            allowed=_one_of(*METHODS),
+            empty="recorded by AVR Gym 0.2",
+        ),
     ]
     recording: Annotated[str, Column("File of the recording in the study's folder.")]
     sha256: Annotated[

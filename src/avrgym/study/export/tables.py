@@ -204,6 +204,7 @@ def _attempt(exported: ExportedAttempt, heights: Heights) -> AttemptRow:
         ended_at=attempt.ended_at,
         **asdict(attempt.metrics),
         torso_height_m=heights.get(attempt.id),
+        input_method=attempt.input_profile.method if attempt.input_profile else None,
         recording=attempt.recording,
         sha256=attempt.sha256,
     )

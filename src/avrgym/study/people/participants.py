@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 
+import msgspec
 import sqlalchemy as sa
 
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
+from avrgym.recording.input_profile import InputProfile
 from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME
@@ -45,12 +47,13 @@ def enrol(
     simulated: bool = False,
     site: str = "",
     confirm_duplicate: bool = False,
+    input_profile: InputProfile | None = None,
 ) -> str:
     """Enrol a person and return their pseudonym. Only the identity file contains name and contact.
 
     Orders are balanced within each ``site``; default: the design's site. ``language``: language of the texts, one of
     the design's languages; default: the first. ``confirm_duplicate``: enrol the person although another participant has
-    the same name or contact.
+    the same name or contact. ``input_profile``: how the person selects and stops; default: two controllers.
 
     Raises:
         PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
@@ -87,6 +90,7 @@ def enrol(
             sex=sex,
             age_years=age_years,
             language=language or languages[0],
+            input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
             enrolled_at=now(),
         )
         record_event(connection, "participant enrolled", confirmation, {"participant": number})

@@ -7,6 +7,7 @@ from queue import Empty, SimpleQueue
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
+from avrgym.recording.input_profile import InputProfile
 from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_remaining
@@ -107,6 +108,14 @@ class StudySessions:
             StudyError: if the participant has no running session here.
         """
         self._request(lambda now_s: self._withdraw(pseudonym, reason, now_s))
+
+    def change_input(self, pseudonym: str, profile: InputProfile) -> None:
+        """Change how the participant of the running session selects and stops, and store it.
+
+        Raises:
+            StudyError: if the participant has no running session here.
+        """
+        self._request(lambda now_s: self._change_input(pseudonym, profile, now_s))
 
     def renew_link(self, pseudonym: str) -> None:
         """Create a new link for the running session. The earlier link becomes invalid.
@@ -277,6 +286,13 @@ class StudySessions:
         self._questions = None
         self._send_end()
         self._end_visit(now_s)
+        return stored
+
+    def _change_input(self, pseudonym: str, profile: InputProfile, now_s: float) -> Future[None]:
+        if self._visit is None or self.participant != pseudonym:
+            raise StudyError(f"no session of {pseudonym} runs here")
+        stored = self._visit.change_input(profile, self._session, now_s)
+        self._send(self._visit.input.message())
         return stored
 
     def _end_visit(self, now_s: float) -> None:

@@ -11,7 +11,9 @@ from avrgym.vr.protocol.messages import (
     Answer,
     Back,
     Command,
+    Offered,
     Phase,
+    Press,
     Problem,
     Ready,
     Received,
@@ -60,10 +62,13 @@ class SessionQuestions:
         """Send the current item to a new client."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
+        self._visit.input.welcome(send, role)
         self._send_item(send)
 
     def receive(self, message: Received) -> None:
-        """Handle answers and commands. Other messages are ignored."""
+        """Handle answers, commands and selections by the experimenter. Other messages are ignored."""
+        if isinstance(message, Offered | Press):
+            self._visit.input.forward(message, self._send)
         if self.done or self._stored is not None:
             return
         if isinstance(message, Answer):

@@ -12,12 +12,14 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
+from avrgym.study.people.input_profiles import set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.people.preferences import preferences_of, trial_rules
 from avrgym.study.sessions.links import language_message
@@ -49,6 +51,7 @@ from avrgym.texts.interface_texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
+from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import HeadsetCheckPlan, OpenQuestionnaire, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.session import Session
@@ -82,7 +85,9 @@ class StudyVisit:
         """
         self.store, self.pseudonym = store, pseudonym
         self.policies = _policies(store, pseudonym)
-        self.texts = participant_texts(store, store.participant(pseudonym))
+        participant = store.participant(pseudonym)
+        self.texts = participant_texts(store, participant)
+        self.input = ParticipantInput(participant.input_profile or CONTROLLERS)
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
@@ -138,6 +143,7 @@ class StudyVisit:
                 scenes=scenes,
                 streams=streams,
                 state_interval_ticks=state_interval_ticks,
+                participant_input=self.input,
             )
         except NoClearanceError as error:
             raise StudyError(
@@ -175,6 +181,16 @@ class StudyVisit:
     def record_event(self, name: str, detail: str) -> Future[None]:
         """Store an event."""
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
+
+    def change_input(self, profile: InputProfile, session: Session | None, now_s: float) -> Future[None]:
+        """Change how the participant selects and stops, in the running session and for later ones."""
+        if session is None:
+            self.input.profile = profile
+        else:
+            session.change_input(profile, now_s)
+        return self.storing.submit(
+            lambda: set_input_profile(self.store, self.pseudonym, profile, self.stored.id)
+        )
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
         """Stop robot and recording, end the VR session, then store the withdrawal.
@@ -352,6 +368,8 @@ class EventStorage:
             case events.Calibrated() | events.TorsoHeightCorrected():
                 self._torso_height_m = event.torso_height_m
                 self._record_event(event)
+            case events.InputChanged():
+                pass  # ``StudyVisit.change_input`` stores it
             case _:
                 self._record_event(event)
 
@@ -364,6 +382,7 @@ class EventStorage:
             position,
             begun.recording,
             torso_height_m=self._torso_height_m,
+            input_profile=begun.input_profile,
         )
         self._began_s = begun.time_s
 

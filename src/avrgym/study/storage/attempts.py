@@ -9,6 +9,7 @@ import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording import answers_file
+from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.writer import end_cut_recording
@@ -46,6 +47,7 @@ def begin_attempt(
     recording: Path | None = None,
     *,
     torso_height_m: float | None = None,
+    input_profile: InputProfile | None = None,
 ) -> TrialAttempt:
     """Start the next attempt at a trial.
 
@@ -56,6 +58,7 @@ def begin_attempt(
         recording: the opened file in the session's folder; default: the next free name. A missing folder is
             created, a missing file is not.
         torso_height_m: torso height of the simulated body, if known.
+        input_profile: how the participant selects and stops, if known.
 
     Raises:
         StudyError: if another attempt is running in the session, or if the file is in another folder.
@@ -77,6 +80,7 @@ def begin_attempt(
             recording=name,
             metrics={},
             torso_height_m=torso_height_m,
+            input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
             started_at=now(),
         )
         record_event(connection, "attempt running", name, {**subject_of(session), "attempt": attempt})

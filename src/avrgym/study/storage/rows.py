@@ -8,6 +8,7 @@ import msgspec
 
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
+from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
 from avrgym.tasks.registry import find_environment
@@ -34,6 +35,7 @@ class Participant:
     """A participant. ``cell``: index of the order of trials. ``inclusion``: answers by question id.
 
     ``language``: default is the design's first language. ``site_number``: in a merged study, the number at the site.
+    ``input_profile``: default is two controllers.
     """
 
     number: int
@@ -51,6 +53,7 @@ class Participant:
     consent_sha256: str | None
     inclusion: dict[str, bool] | None
     functioning: dict[str, Any] | None
+    input_profile: InputProfile | None
 
     @property
     def pseudonym(self) -> str:
@@ -156,6 +159,7 @@ class TrialAttempt:
     sha256: str | None
     metrics: Metrics
     torso_height_m: float | None
+    input_profile: InputProfile | None
     started_at: str
     ended_at: str | None
 

@@ -68,9 +68,11 @@ PARTICIPANT = Table(
     Column("consent_sha256", String),
     Column("inclusion", JSON),
     Column("functioning", JSON(none_as_null=True)),
+    Column("input_profile", JSON(none_as_null=True)),
     _salt(),
 )
-"""``functioning``: answers about disability, diagnosis and assistive devices.
+"""``functioning``: answers about disability, diagnosis and assistive devices. ``input_profile``: how the participant
+selects and stops, see ``recording.input_profile``.
 
 ``language``: language of the texts. ``site``: the participant's site. ``site_number``: in a merged study, the number
 at that site.
@@ -136,12 +138,14 @@ ATTEMPT = Table(
     Column("sha256", String),
     Column("figures", JSON, key="metrics", nullable=False),
     Column("torso_height_m", Float),
+    Column("input_profile", JSON(none_as_null=True)),
     Column("started_at", String, nullable=False),
     Column("ended_at", String),
     _salt(),
     UniqueConstraint("trial", "number"),
 )
 """``recording`` is relative to the study's folder, with ``/``; ``torso_height_m``: torso height of the simulated body.
+``input_profile``: the participant's input profile at the start of the attempt.
 
 The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """

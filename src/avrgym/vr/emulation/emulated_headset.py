@@ -155,12 +155,33 @@ class EmulatedHeadset:
             "([drawn]) => window.avrgymEmulator.framesDrawn() >= drawn", arg=[drawn + count]
         )
 
-    def answer(self, value: int) -> None:
-        """Point at the button of a value and select it with the pointer of this headset."""
-        button = next(button for button in self.call("buttons") if button["value"] == value)
-        self.call("pointAt", button["centre"])
-        self.wait_for_frames(2)
-        self.select()
+    def answer(self, value: int, hand: str | None = None) -> None:
+        """Point at the button of a value and select it with a controller, by default the pointer of this headset.
+
+        The pointer comes from beside the panel: a pointer that rests on a button does not select it.
+        """
+        x, y, z = self._centre_of(value)
+        for point in ((x, y + 3.0, z), (x, y, z)):
+            if hand is None:
+                self.call("pointAt", point)
+            else:
+                self.call("aimAt", hand, point)
+            self.wait_for_frames(2)
+        if hand is None:
+            self.select()
+        else:
+            self.pull_trigger(hand)
+
+    def _centre_of(self, value: int) -> tuple[float, float, float]:
+        """Returns the centre of a button on the panel, in ``local-floor``."""
+        return next(tuple(button["centre"]) for button in self.call("buttons") if button["value"] == value)
+
+    def look_at_button(self, value: int) -> None:
+        """Turn the head away from the panel, then look at the button of a value."""
+        x, y, z = self._centre_of(value)
+        for point in ((x, y + 3.0, z), (x, y, z)):
+            self.call("lookAt", point)
+            self.wait_for_frames(3)
 
     def screenshot(self, path: Path) -> Path:
         """Save the participant's view, both eyes. Returns the path."""

@@ -1,5 +1,6 @@
 """The world of a participant: one scene with a moving person, stepped tick by tick."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from avrgym.commands.preferences import AppliedRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.human import Person
 from avrgym.models.scene import SUBSTEPS, SceneConfig
+from avrgym.recording.input_profile import Arm
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.pacing import Pacing
 from avrgym.safety.retreat import Retreat
@@ -23,10 +25,13 @@ from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.tracking.body import ARMS as ARM_JOINTS
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
 """Number of ticks for which the brakes stop the robot before its retreat."""
+MAX_RESTING_TURN_RAD = 0.01
+"""Maximum rotation per tick of a joint of an arm that returns to its rest pose: 1 rad/s."""
 
 
 class LiveWorld:
@@ -113,9 +118,18 @@ class LiveWorld:
         self._retreat = Retreat(self._episodes.simulation)
         self.hold()
 
-    def follow(self, pose: BodyPose) -> None:
-        """Command the person's joints to angles that bring head and hands to the participant's pose."""
-        self.joint_targets_rad = self._solver.solve(pose, self.joint_targets_rad)
+    def follow(self, pose: BodyPose, resting: Collection[Arm] = ()) -> None:
+        """Command the person's joints to angles that bring head and hands to the participant's pose.
+
+        ``resting``: arms that return to their rest pose while their hand has no pose.
+        """
+        targets = self._solver.solve(pose, self.joint_targets_rad)
+        for arm in resting:
+            if getattr(pose, arm) is None:
+                joints = ARM_JOINTS[arm]
+                way = self._episodes.task.pose.rest_rad[joints] - targets[joints]
+                targets[joints] += np.clip(way, -MAX_RESTING_TURN_RAD, MAX_RESTING_TURN_RAD)
+        self.joint_targets_rad = targets
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 
     def hold(self) -> None:

@@ -16,8 +16,12 @@ from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
+from avrgym.recording.input_profile import Arm as Arm
+from avrgym.recording.input_profile import InputMethod as InputMethod
+from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.input_profile import StopWay as StopWay
 
-PROTOCOL = 13
+PROTOCOL = 14
 
 TICK_S = PHYSICS_STEP_S
 """Period of the real-time loop."""
@@ -33,9 +37,9 @@ Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """The device that tracks a hand."""
-StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "page", "key"]
+StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "switch", "page", "key"]
 """How a participant stops the robot: with a menu button; by holding both triggers, a grip button (squeeze) or the only
-select button; with a raised palm; by looking at the stop sign; with the page's button or a key."""
+select button; with a raised palm; by looking at the stop sign; with a switch; with the page's button or a key."""
 Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
 """Whether the participant sees the scene and can act. The names are those of WebXR and the page visibility API.
 
@@ -194,6 +198,23 @@ class ChooseBody(Message, frozen=True, tag="choose_body"):
     skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
 
 
+class Target(msgspec.Struct, frozen=True):
+    """Something that the participant can select: the value of its button, and its label."""
+
+    value: int
+    label: Annotated[str, msgspec.Meta(max_length=256)]
+
+
+class Offered(Message, frozen=True, tag="offered"):
+    """The targets that the participant can select now, for the experimenter who selects for them.
+
+    ``number`` increases with each offer. An offer without targets ends the previous one.
+    """
+
+    number: Annotated[int, msgspec.Meta(ge=0)]
+    targets: Annotated[list[Target], msgspec.Meta(max_length=128)]
+
+
 class Latency(Message, schema.Latency, frozen=True, tag="latency"):
     """Latencies of the frames of the last second, from tracking to display."""
 
@@ -230,6 +251,7 @@ ClientMessage = (
     | Answer
     | Back
     | ChooseBody
+    | Offered
     | Latency
     | HeadsetFrames
 )
@@ -280,6 +302,13 @@ class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
     client_time_ms: float
 
 
+class Press(Message, frozen=True, tag="press"):
+    """The experimenter selects a target for the participant. ``number`` is that of the offer."""
+
+    number: Annotated[int, msgspec.Meta(ge=0)]
+    value: int
+
+
 class SceneWatched(Message, frozen=True, tag="scene_watched"):
     """A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not."""
 
@@ -292,6 +321,7 @@ ExperimenterMessage = (
     | Command
     | CorrectTorsoHeight
     | ChooseParticipantBody
+    | Press
     | Drive
     | WatcherRobotCommand
     | SceneWatched
@@ -350,6 +380,18 @@ class Body(Message, frozen=True, tag="body"):
     skin_tone: str
     skin_tones: list[str]
     skin_tones_rgb: list[Vector3]
+
+
+class Input(Message, InputProfile, frozen=True, tag="input"):
+    """The participant's input profile, with their ways to stop."""
+
+
+class Targets(Offered, frozen=True, tag="targets"):
+    """The participant's ``offered`` targets, for experimenters."""
+
+
+class Pressed(Press, frozen=True, tag="pressed"):
+    """The experimenter selected a target. The participant's client ignores it if the offer is no longer valid."""
 
 
 class Scene(Message, frozen=True, tag="scene"):
@@ -571,6 +613,9 @@ ServerMessage = (
     Welcome
     | Language
     | Body
+    | Input
+    | Targets
+    | Pressed
     | Scene
     | Placed
     | Upcoming

@@ -10,11 +10,13 @@ from typing import TypeVar
 from avrgym.vr.protocol.messages import (
     MAX_UNACKNOWLEDGED_STATES,
     Message,
+    Pressed,
     Problem,
     Role,
     Scene,
     State,
     Status,
+    Targets,
     Timing,
     Welcome,
 )
@@ -31,6 +33,10 @@ def is_for_role(message: Message, role: Role) -> bool:
     """Whether connections of this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
+    if isinstance(message, Targets):
+        return role == "experimenter"
+    if isinstance(message, Pressed):
+        return role == "participant"
     return role != "participant" or not isinstance(message, WATCHER_MESSAGES)
 
 

@@ -14,6 +14,7 @@ from avrgym.models.body_names import PARTS
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.recording import schema
 from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, Versions
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
@@ -244,6 +245,7 @@ def configuration(
     session: str,
     plugins: Sequence[UsedPlugin],
     headset: HeadsetCheck | None = None,
+    input_profile: InputProfile = CONTROLLERS,
 ) -> Configuration:
     """Returns the configuration of an attempt at the plan's trial ``index``."""
     trial, person = plan.trials[index], world.person
@@ -273,6 +275,7 @@ def configuration(
         stop_rules=plan.stop_rules.rules,
         headset_check=headset,
         consent=plan.consent,
+        input_profile=input_profile,
         settings=plan.settings,
         rules=trial.rules,
         furniture=plan.furniture,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avrgym.recording import answers_file, schema
+from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
@@ -46,7 +47,9 @@ class AttemptStorage:
         """The results of the latest attempt until now."""
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
-    def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
+    def begin(
+        self, trial: int, configure: Configure, first_number: int, now_s: float, input_profile: InputProfile
+    ) -> Attempt:
         """Start an attempt at a trial, see ``Attempt``. ``trial`` and ``first_number`` count from 1.
 
         Raises:
@@ -59,7 +62,9 @@ class AttemptStorage:
         self.questionnaire_attempt = QuestionnaireAttempt(attempt.trial, attempt.number, attempt.path)
         self.failing = False
         self.recordings.append(attempt.path)
-        self._sink.report(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
+        self._sink.report(
+            events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path, input_profile)
+        )
         return attempt
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:

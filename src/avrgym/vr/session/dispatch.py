@@ -58,6 +58,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             phase.drive(message)
         case messages.Command():
             return execute_command(phase, message.name)
+        case messages.Offered() | messages.Press():
+            phase.state.input.forward(message, phase.state.send)
         case messages.SceneWatched():
             pass
         case messages.Hello() | messages.Receipt():

@@ -13,6 +13,7 @@ from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.vr.protocol.messages import PhaseName, StopMethod, Visibility
 
@@ -84,12 +85,20 @@ class BodyChosen(SessionEvent):
 
 
 @dataclass(frozen=True)
+class InputChanged(SessionEvent):
+    """The experimenter changed how the participant selects and stops."""
+
+    profile: InputProfile
+
+
+@dataclass(frozen=True)
 class TrialBegun(SessionEvent):
     """An attempt at a trial has started and is recorded."""
 
     trial: int
     attempt: int
     recording: Path
+    input_profile: InputProfile = CONTROLLERS
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,21 @@
 """Measures a headset from its client's messages: rendered frames, latency, and tracked poses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Literal
 
 import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
+from avrgym.recording.input_profile import ARMS, Arm
 from avrgym.recording.schema import Latency
 from avrgym.vr.latency import percentiles_ms
 from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRPose
 
 PoseGetter = Callable[[Tracking], XRPose | None]
 
+RESTS = "rests"
+"""The value of ``with`` for an arm that the participant's input profile does not use."""
 WINDOW_S = 0.5
 MIN_WINDOW_FRAMES = 5
 LATE_FRAME_PERIODS = 1.5
@@ -51,7 +54,9 @@ class HeadsetMeasurement:
         """Add the intervals between rendered frames."""
         self._drawn.append(drawn)
 
-    def take_stop(self, method: StopMethod | Literal["none"], after_s: float | None = None) -> None:
+    def take_stop(
+        self, method: StopMethod | Literal["experimenter", "none"], after_s: float | None = None
+    ) -> None:
         """Add the method of the test stop, and its delay after the request. ``none``: no stop within the time limit."""
         self._stop, self._stop_after_s = method, after_s
 
@@ -61,12 +66,18 @@ class HeadsetMeasurement:
         newest = self._tracked[-1] if self._tracked else None
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
 
-    def result(self, *, haptics: bool | None, sound: bool | None) -> HeadsetCheck:
-        """Returns all measurements, with the participant's answers."""
+    def result(
+        self, *, haptics: bool | None, sound: bool | None, used_arms: Collection[Arm] = ARMS
+    ) -> HeadsetCheck:
+        """Returns all measurements, with the participant's answers. Arms that are not in ``used_arms`` rest."""
         newest = self._tracked[-1] if self._tracked else None
         latest = self._drawn[-1] if self._drawn else None
         intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])
         display_hz = latest.display_hz if latest else None
+
+        def hand(arm: Arm, modality: str, take: PoseGetter) -> TrackedPart:
+            return self._part(modality if arm in used_arms else RESTS, take, hand=True)
+
         return HeadsetCheck(
             device=latest.device if latest else "",
             emulated=latest.emulated if latest else False,
@@ -78,8 +89,8 @@ class HeadsetMeasurement:
             dropped_share=dropped_share(intervals_ms, display_hz),
             latency_ms=percentiles_ms(self._latencies),
             head=self._part("headset" if newest and newest.head else "none", _HEAD),
-            left=self._part(newest.left_modality if newest else "none", _LEFT, hand=True),
-            right=self._part(newest.right_modality if newest else "none", _RIGHT, hand=True),
+            left=hand("left", newest.left_modality if newest else "none", _LEFT),
+            right=hand("right", newest.right_modality if newest else "none", _RIGHT),
             haptics=haptics,
             sound=sound,
             stop=self._stop,

@@ -11,6 +11,7 @@ from avrgym.policies.registry import AnyPolicy, find_for_session, preferred_poli
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.recording.configuration import RecordedConsent
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import DEFAULTS, Settings
@@ -74,7 +75,8 @@ class SessionPlan:
     their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
     also stretch their arms, and the model gets the participant's arm length. ``open_questionnaire``: a questionnaire of
     an earlier session that is completed first. ``consent``: the participant's consent, for the recordings.
-    ``settings``: settings of all environments. ``allow_other_settings``: whether policies may have been trained with
+    ``input_profile``: how the participant selects and stops at the start of the session. ``settings``: settings of all
+    environments. ``allow_other_settings``: whether policies may have been trained with
     other settings.
     """
 
@@ -97,6 +99,7 @@ class SessionPlan:
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
     consent: RecordedConsent | None = None
+    input_profile: InputProfile = CONTROLLERS
     settings: Settings = DEFAULTS
     allow_other_settings: bool = False
 

@@ -2,6 +2,7 @@
 
 from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
+from avrgym.recording.input_profile import InputProfile
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.drivers import Driver, Operator
@@ -71,7 +72,7 @@ class Reporter:
 def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
-    streams: list[messages.StreamStatus], visibility: messages.Visibility,
+    streams: list[messages.StreamStatus], visibility: messages.Visibility, profile: InputProfile,
 ) -> messages.Status:  # fmt: skip
     """Returns the status of a session. ``steps`` is the number of control steps of a trial."""
     left, right = tracking.modalities
@@ -100,8 +101,8 @@ def status(
         visibility=visibility,
         left_modality=left,
         right_modality=right,
-        needed_parts=list(world.task.tracked),
-        untracked_parts=list(tracking.untracked),
+        needed_parts=[part for part in world.task.tracked if profile.needs(part)],
+        untracked_parts=[part for part in tracking.untracked if profile.needs(part)],
         operated=isinstance(driver, Operator),
         idle=driver.idle or bool(tracking.lost),
         latency=latency,

@@ -15,6 +15,7 @@ from avrgym.models import human
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
+from avrgym.recording.input_profile import ARMS, InputProfile
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
@@ -27,6 +28,7 @@ from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttem
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.interruptions import lost_time, lost_tracking
+from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
 from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
 from avrgym.vr.session.preparation import ImmediateExecutor
@@ -59,6 +61,7 @@ class Session:
         scenes: list[tuple[str, Person, Settings]] | None = None,
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
+        participant_input: ParticipantInput | None = None,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -77,6 +80,7 @@ class Session:
             scenes: scenes of earlier sessions, which keep their addresses. The session adds its own.
             streams: the streams of other devices, for sessions in real time.
             state_interval_ticks: interval of the world's states, in ticks.
+            participant_input: the participant's input; default: the plan's input profile.
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
@@ -88,7 +92,10 @@ class Session:
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, background=workers is not None)
         versions()  # this reads files the first time, which must not delay a tick
-        self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
+        participant_input = participant_input or ParticipantInput(plan.input_profile)
+        self._state = SessionState(
+            plan, drivers, identifier, send, sink, storage, worlds, trial, person, participant_input
+        )
         self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
         self._reporter = Reporter(send, state_interval_ticks)
@@ -167,6 +174,7 @@ class Session:
         send(messages.Welcome(messages.PROTOCOL, state.identifier, role, **how))
         send(state.language_message())
         send(state.body_message())
+        state.input.welcome(send, role)
         send(state.scene_message())
         state.send_placed(send)
         if state.offered.commands:
@@ -177,6 +185,11 @@ class Session:
         """Handle a message from the participant's or the experimenter's client."""
         self._state.now_s = now_s
         self._go_to(take_message(self._phase, message))
+
+    def change_input(self, profile: InputProfile, now_s: float) -> None:
+        """Change how the participant selects and stops."""
+        self._state.now_s = now_s
+        self._state.change_input(profile)
 
     def tick(self, now_s: float) -> None:
         """Advance the world by 10 ms of simulated time and the session to ``now_s``."""
@@ -274,12 +287,13 @@ class Session:
     def _follow(self) -> None:
         """Move the person to the newest tracking frame. If this frame is stale, the person keeps their pose."""
         state, attempt = self._state, self._state.storage.attempt
-        followed = state.tracking.follow(self.world.task.tracked, state.now_s)
+        profile = state.input.profile
+        followed = state.tracking.follow(state.needed_parts, state.now_s, profile)
         if followed.pose is not None:
-            self.world.follow(followed.pose)
+            self.world.follow(followed.pose, [arm for arm in ARMS if arm not in profile.used_arms])
         if self._phase.in_place:
             state.follow_seat()
-        for part in PARTS:
+        for part in filter(profile.needs, PARTS):
             if (part in followed.lost) != (part in followed.lost_before):
                 self._report_tracking(part, lost=part in followed.lost)
             if (part in followed.deviating_parts) != (part in followed.deviating_parts_before):
@@ -339,6 +353,7 @@ class Session:
                 latency=latency,
                 streams=streams,
                 visibility=state.visibility,
+                profile=state.input.profile,
             )
             state.send(how)
 

@@ -13,6 +13,7 @@ from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
 from avrgym.recording.configuration import HeadsetCheck
+from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
@@ -30,6 +31,7 @@ from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.head_commands import HeadCommands
 from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
+from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
@@ -52,7 +54,7 @@ class SessionState:
     rule ends the session. ``ready_for``: the trial for which the participant last confirmed to be ready.
     ``visibility``: whether the participant sees the scene. ``away``: the text that explains why the participant is not
     in VR; ``None`` in VR. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or
-    was skipped. ``now_s``: time since the session's start.
+    was skipped. ``input``: the participant's input profile. ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan
@@ -64,6 +66,7 @@ class SessionState:
     worlds: TrialWorlds
     trial: int
     person: Person
+    input: ParticipantInput = field(default_factory=ParticipantInput)
     tracking: TrackingState = field(default_factory=TrackingState)
     height_known: bool = False
     calibrated_for: human.Posture | None = None
@@ -101,9 +104,14 @@ class SessionState:
         return self.worlds.world
 
     @property
+    def needed_parts(self) -> tuple[Part, ...]:
+        """The parts of the body that the task needs, without the participant's resting arms."""
+        return tuple(part for part in self.world.task.tracked if self.input.profile.needs(part))
+
+    @property
     def untracked(self) -> Part | None:
-        """The first part of the body that the task needs and that was untracked for ``UNTRACKED_LIMIT_S``."""
-        needed = self.world.task.tracked
+        """The first needed part of the body that was untracked for ``UNTRACKED_LIMIT_S``."""
+        needed = self.needed_parts
         return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None)
 
     @property
@@ -244,6 +252,13 @@ class SessionState:
         self.send(self.body_message())
         return True
 
+    def change_input(self, profile: InputProfile) -> None:
+        """Change how the participant selects and stops, from now on."""
+        self.input.profile = profile
+        self.record_event("input_changed", profile.describe())
+        self.sink.report(events.InputChanged(self.now_s, profile))
+        self.send(self.input.message())
+
     def take_visibility(self, visibility: messages.Visibility) -> bool:
         """Store the visibility of the scene. Returns whether the participant has just lost sight of it.
 
@@ -293,10 +308,11 @@ class SessionState:
         attempt = self.storage.begin(
             trial + 1,
             lambda number: configuration(
-                plan, trial, number, world, place, identifier, plugins, self.headset
+                plan, trial, number, world, place, identifier, plugins, self.headset, self.input.profile
             ),
             self.current.earlier_attempts + 1,
             self.now_s,
+            self.input.profile,
         )
         self.tracking.take_arrived()
         attempt.record_physics(world, self.now_s)

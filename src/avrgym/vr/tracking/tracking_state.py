@@ -3,12 +3,14 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import SEATED, Person, Posture
+from avrgym.recording.input_profile import ARMS, CONTROLLERS, Arm, InputProfile
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, register
@@ -57,6 +59,7 @@ class TrackingState:
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
+        self._ignored: frozenset[Arm] = frozenset()
         self._posture = SEATED
         self._sliding: SlidingMonitor | None = None
         self._ticks = 0
@@ -89,7 +92,8 @@ class TrackingState:
         """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
             return PARTS
-        return tuple(part for part in PARTS if part in self._limbs.deviating_parts or part in self.untracked)
+        deviating = {*self._limbs.deviating_parts, *self.untracked, *self._ignored}
+        return tuple(part for part in PARTS if part in deviating)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -121,10 +125,13 @@ class TrackingState:
         """Returns the headset's pose at rest; see ``TrackingFeed.steady_head``."""
         return self._feed.steady_head(now_s)
 
-    def follow(self, needed: Collection[Part], now_s: float) -> TrackingUpdate:
+    def follow(
+        self, needed: Collection[Part], now_s: float, profile: InputProfile = CONTROLLERS
+    ) -> TrackingUpdate:
         """Returns the tracking of this tick, with the body's target pose if the newest frame is fresh.
 
-        ``needed``: parts of the body that the task needs.
+        ``needed``: parts of the body that the task needs. The pose has no hands of arms that rest or are absent, and
+        no stale hands of arms that the input ``profile`` does not use.
         """
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, deviating_parts_before, lost_before = (
@@ -134,6 +141,7 @@ class TrackingState:
         )
         self.untracked = self._feed.freshness.stale(now_s)
         self.lost = tuple(part for part in self.untracked if part in needed)
+        self._ignore(profile)
         if newest is not None and not silent and self.registration is not None:
             pose = self._pose_from(self.registration, newest, now_s)
         else:
@@ -211,5 +219,16 @@ class TrackingState:
             self._pose = None
         if self._pose is None or self._limbs.deviating_parts:
             assert self._tracked is not None
-            self._pose = body_pose(registration, self._limbs.follow(self._tracked, now_s))
+            tracked = self._limbs.follow(self._tracked, now_s)
+            if self._ignored:
+                tracked = msgspec.structs.replace(tracked, **dict.fromkeys(self._ignored))
+            self._pose = body_pose(registration, tracked)
         return self._pose
+
+    def _ignore(self, profile: InputProfile) -> None:
+        """Store the arms whose tracking is ignored in this tick."""
+        never = {*profile.resting_arms, *profile.absent_arms}
+        unused = [arm for arm in ARMS if arm not in profile.used_arms]
+        ignored = frozenset(arm for arm in unused if arm in never or arm in self.untracked)
+        if ignored != self._ignored:
+            self._ignored, self._pose = ignored, None

@@ -11,7 +11,7 @@ from avrgym.vr.headset_check import is_ready, result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
-from avrgym.vr.session.phases.kinds import InVR
+from avrgym.vr.session.phases.kinds import InVR, text_for_arms
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -117,19 +117,21 @@ class CheckAtRest(TimedMeasurement):
         self.seconds = self._durations.at_rest_s
 
     def on_timeout(self) -> CheckStretched | CheckMoving:
-        """Continue with the next measurement. Without a headset, the measurement with stretched arms is omitted."""
+        """Continue with the next measurement. Without a headset or without arms, the measurement with stretched arms
+        is omitted."""
         with_mouse = "mouse" in self.state.tracking.modalities
-        return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
+        stretches = self.state.input.profile.used_arms and not with_mouse
+        return (CheckStretched if stretches else CheckMoving)(self.state, self._measurement)
 
 
 class CheckStretched(TimedMeasurement):
     """Measures the range of hand tracking."""
 
-    message = Text("headset_stretched")
     stretching = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
+        self.message = Text(text_for_arms("headset_stretched", state))
         self.seconds = self._durations.stretched_s
 
     def on_timeout(self) -> CheckMoving:
@@ -164,10 +166,17 @@ class CheckStop(HeadsetCheckPhase):
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> CheckSenses | CheckResult | Self:
-        """Store the participant's test stop and continue. A stop by the experimenter does not count."""
-        if by == "experimenter":
+        """Store the participant's test stop and continue.
+
+        A stop by the experimenter counts only if the participant's input profile contains it.
+        """
+        after_s = self.state.now_s - self._asked_s
+        if by == "participant":
+            self._measurement.take_stop(method or "page", after_s)
+        elif "experimenter" in self.state.input.profile.stop_ways:
+            self._measurement.take_stop("experimenter", after_s)
+        else:
             return self._report("the participant tries the stop; skip the check to go on without")
-        self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)
         return self._ask_senses()
 
     def on_timeout(self) -> CheckSenses | CheckResult:
@@ -234,7 +243,9 @@ class CheckResult(HeadsetCheckPhase):
     ) -> None:
         super().__init__(state, measurement)
         self._check = measurement.result(
-            haptics=answers.get(HAPTICS_ITEM.id), sound=answers.get(SOUND_ITEM.id)
+            haptics=answers.get(HAPTICS_ITEM.id),
+            sound=answers.get(SOUND_ITEM.id),
+            used_arms=state.input.profile.used_arms,
         )
         self.message = result_message(self._check, MAX_FAULTS_SHOWN)
 

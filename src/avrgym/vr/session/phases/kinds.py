@@ -14,6 +14,12 @@ from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import UNTRACKED, Interruption
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.state import SessionState
+
+
+def text_for_arms(key: str, state: SessionState) -> str:
+    """Returns the key of a text about both arms, or about the only arm that the participant uses."""
+    return f"{key}_one" if len(state.input.profile.used_arms) == 1 else key
 
 
 class Ongoing(Phase):

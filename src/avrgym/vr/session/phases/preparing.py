@@ -5,14 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from statistics import median
-from typing import Self
+from typing import ClassVar, Self
+
+import msgspec
 
 from avrgym.models import human
+from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrials, InVR, Ongoing
+from avrgym.vr.session.phases.kinds import BetweenTrials, InVR, Ongoing, text_for_arms
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
@@ -61,7 +64,7 @@ class Calibration(InVR):
     def on_ready(self) -> LoadCheck | ReachForward | Self:
         """Calibrate torso height, position and direction from the last half second of tracking.
 
-        Without a headset, the arms are not measured.
+        Without a headset, and if the participant uses no arm, the arms are not measured.
         """
         state = self.state
         measured, posture = not state.height_known, state.world.scene_config.posture
@@ -76,7 +79,10 @@ class Calibration(InVR):
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
         state.sink.report(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
-        measures_reach = measured and state.plan.measure_reach and "mouse" not in state.tracking.modalities
+        with_headset = "mouse" not in state.tracking.modalities
+        measures_reach = (
+            measured and state.plan.measure_reach and with_headset and state.input.profile.used_arms
+        )
         return ReachForward(state) if measures_reach else LoadCheck(state)
 
 
@@ -86,9 +92,11 @@ class ReachMeasurement(InVR, ABC):
     name = "reach"
     seconds = REACH_S
     awaits_ready = True
+    pose_text: ClassVar[str]
 
     def __init__(self, state: SessionState, reached_m: Sequence[float] = ()) -> None:
         super().__init__(state)
+        self.message = Text(text_for_arms(self.pose_text, state))
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
@@ -97,7 +105,9 @@ class ReachMeasurement(InVR, ABC):
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:
             return
-        pose = body_pose(state.tracking.registration, frame.tracking)
+        resting = [arm for arm in ARMS if arm not in state.input.profile.used_arms]
+        tracking = msgspec.structs.replace(frame.tracking, **dict.fromkeys(resting))
+        pose = body_pose(state.tracking.registration, tracking)
         length_m = arm_length_m(state.person, state.world.scene_config.posture, pose)
         if length_m is not None:
             self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
@@ -115,7 +125,7 @@ class ReachMeasurement(InVR, ABC):
 class ReachForward(ReachMeasurement):
     """The arms are stretched to the front."""
 
-    message = Text("reach_ahead")
+    pose_text = "reach_ahead"
 
     def on_timeout(self) -> ReachSideways | LoadCheck:
         if self._all_m:
@@ -127,7 +137,7 @@ class ReachForward(ReachMeasurement):
 class ReachSideways(ReachMeasurement):
     """The arms are stretched out to the sides."""
 
-    message = Text("reach_aside")
+    pose_text = "reach_aside"
 
     def on_timeout(self) -> LoadCheck:
         state = self.state

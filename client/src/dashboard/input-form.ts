@@ -1,0 +1,81 @@
+import type { InputProfile } from "./study-api";
+
+const STOP_TEXTS: Readonly<Record<string, string>> = {
+  buttons: "buttons of a controller",
+  palm: "a raised palm",
+  gaze: "a look at the stop sign",
+  switch: "a switch",
+  experimenter: "a signal to the experimenter",
+};
+
+/** The form for a participant's input profile. */
+export class InputForm {
+  private stops: Readonly<Record<string, string[]>> = {};
+  private shown = "";
+
+  constructor(private readonly form: HTMLFormElement) {
+    this.method.addEventListener("change", () => this.offerStops(this.stops[this.method.value]!.slice(0, 1)));
+  }
+
+  /** Sets the ways to stop of each method. */
+  offer(stops: Readonly<Record<string, string[]>>): void {
+    this.stops = stops;
+  }
+
+  /** Fills in a profile, unless it is shown already. */
+  show(profile: InputProfile, participant: string): void {
+    const key = JSON.stringify([profile, participant]);
+    if (key === this.shown) return;
+    this.shown = key;
+    for (const name of ["method", "dwell_s", "scan_s", "select_key"] as const) this.field(name).value = String(profile[name]);
+    for (const name of ["resting_arms", "absent_arms"] as const)
+      for (const box of this.boxes(name)) box.checked = profile[name].includes(box.value as "left" | "right");
+    this.offerStops(profile.stops ?? []);
+  }
+
+  /** The profile in the form. */
+  profile(): object {
+    return {
+      method: this.method.value,
+      dwell_s: Number(this.field("dwell_s").value),
+      scan_s: Number(this.field("scan_s").value),
+      select_key: this.field("select_key").value,
+      resting_arms: this.checked("resting_arms"),
+      absent_arms: this.checked("absent_arms"),
+      stops: this.checked("stops"),
+    };
+  }
+
+  private offerStops(chosen: readonly string[]): void {
+    const choices = (this.stops[this.method.value] ?? []).map((way) => choice(way, chosen.includes(way)));
+    const group = this.form.querySelector("#input-stops")!;
+    group.replaceChildren(group.querySelector("legend")!, ...choices);
+  }
+
+  private checked(name: string): string[] {
+    return this.boxes(name).filter(({ checked }) => checked).map(({ value }) => value);
+  }
+
+  private boxes(name: string): HTMLInputElement[] {
+    return [...this.form.querySelectorAll<HTMLInputElement>(`input[name=${name}]`)];
+  }
+
+  private get method(): HTMLSelectElement {
+    return this.form.elements.namedItem("method") as HTMLSelectElement;
+  }
+
+  private field(name: string): HTMLInputElement {
+    return this.form.elements.namedItem(name) as HTMLInputElement;
+  }
+}
+
+function choice(value: string, checked: boolean): HTMLLabelElement {
+  const label = document.createElement("label");
+  label.className = "choice";
+  const box = document.createElement("input");
+  Object.assign(box, { type: "checkbox", name: "stops", value, checked });
+  const words = document.createElement("span");
+  words.textContent = STOP_TEXTS[value] ?? value;
+  label.append(box, words);
+  return label;
+}

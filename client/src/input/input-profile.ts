@@ -1,0 +1,66 @@
+import type { Arm, Input, InputMethod, StopWay } from "../generated/messages";
+import type { InputKind } from "./input-kind";
+
+/** Two controllers, until the server sends the participant's profile. */
+export const CONTROLLERS: Input = {
+  ...{ type: "input", method: "controllers", dwell_s: 1, scan_s: 1.5, select_key: "Enter" },
+  ...{ resting_arms: [], absent_arms: [], stops: ["buttons"] },
+};
+
+const ARMS: Readonly<Partial<Record<InputMethod, readonly Arm[]>>> = {
+  controllers: ["left", "right"],
+  hands: ["left", "right"],
+  "left-hand": ["left"],
+  "right-hand": ["right"],
+};
+
+/** The kinds of select input that a profile determines. All other profiles point, with the input of their device. */
+const KINDS: Readonly<Partial<Record<InputMethod, InputKind>>> = {
+  head: "dwell",
+  "one-switch": "scan",
+  "two-switches": "step",
+  experimenter: "remote",
+};
+
+/** The kind of select input that the profile determines; null: that of the device. */
+export function kindOfProfile({ method }: Input): InputKind | null {
+  return KINDS[method] ?? null;
+}
+
+/** Whether the participant points at targets with a ray, and selects with a press. */
+export function points(profile: Input): boolean {
+  return kindOfProfile(profile) === null;
+}
+
+/** Whether the participant points with this source. A controller of a resting arm does not count. */
+export function pointsWith(profile: Input, { handedness }: Pick<XRInputSource, "handedness">): boolean {
+  const { method, resting_arms, absent_arms } = profile;
+  if (handedness === "none") return points(profile);
+  return !!ARMS[method]?.includes(handedness) && ![...resting_arms, ...absent_arms].includes(handedness);
+}
+
+/** Whether the participant stops the robot in this way. */
+export function stopsBy({ stops }: Input, way: StopWay): boolean {
+  return stops?.includes(way) ?? false;
+}
+
+export type Switch = "step" | "select";
+
+/** Keys that are no switches: for the browser, and Escape, which always stops. */
+const NO_SWITCH = /^(Escape|Tab|Shift|Control|Alt|AltGraph|Meta|CapsLock|NumLock|Fn|OS|F\d+|Unidentified|Dead|Process)$/;
+
+/** The switch of a key; null if the key is none. With one switch, every key selects. */
+export function switchOfKey({ method, select_key }: Input, { key, code }: Pick<KeyboardEvent, "key" | "code">): Switch | null {
+  if ((method !== "one-switch" && method !== "two-switches") || NO_SWITCH.test(key)) return null;
+  return method === "one-switch" || key === select_key || code === select_key ? "select" : "step";
+}
+
+/** The switch of a gamepad's button, by its index: the first one steps, every other one selects. */
+export function switchOfButton({ method }: Input, index: number): Switch {
+  return method === "two-switches" && index === 0 ? "step" : "select";
+}
+
+/** The switch of a controller in VR: the left one steps, the other one selects. */
+export function switchOfHand({ method }: Input, handedness: XRHandedness): Switch {
+  return method === "two-switches" && handedness === "left" ? "step" : "select";
+}

@@ -1,0 +1,148 @@
+"""Input profiles: the body functions with which a participant selects and stops.
+
+A method determines how a target is highlighted and selected. With ``head``, the participant looks at a target until its
+ring is full (dwell). With ``one-switch``, the highlight moves by itself, and the switch selects (automatic scanning).
+With ``two-switches``, one switch moves the highlight, and the other selects (step scanning). With ``experimenter``, the
+experimenter selects on the dashboard.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, get_args
+
+import msgspec
+from msgspec import Meta
+
+from avrgym.models.body_names import PART_LABELS, Part
+
+InputMethod = Literal[
+    "controllers", "hands", "left-hand", "right-hand", "head", "one-switch", "two-switches", "experimenter"
+]
+METHODS: tuple[InputMethod, ...] = get_args(InputMethod)
+StopWay = Literal["buttons", "palm", "gaze", "switch", "experimenter"]
+STOP_WAYS: tuple[StopWay, ...] = get_args(StopWay)
+Arm = Literal["left", "right"]
+ARMS: tuple[Arm, ...] = get_args(Arm)
+
+_BOTH: frozenset[Arm] = frozenset(ARMS)
+USED_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
+    "controllers": _BOTH,
+    "hands": _BOTH,
+    "left-hand": frozenset({"left"}),
+    "right-hand": frozenset({"right"}),
+}
+"""The arms with which a participant points. Methods that are not listed need no arm."""
+POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopWay, ...]] = {
+    "controllers": ("buttons", "palm", "gaze", "experimenter"),
+    "hands": ("palm", "gaze", "experimenter"),
+    "left-hand": ("buttons", "palm", "gaze", "experimenter"),
+    "right-hand": ("buttons", "palm", "gaze", "experimenter"),
+    "head": ("gaze", "experimenter"),
+    "one-switch": ("switch", "gaze", "experimenter"),
+    "two-switches": ("switch", "gaze", "experimenter"),
+    "experimenter": ("gaze", "experimenter"),
+}
+"""The ways to stop that each method allows. The default is the first one; with ``experimenter``, all."""
+RANGES: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
+"""Allowed durations in seconds."""
+MAX_KEY_LENGTH = 32
+
+
+class InputProfileError(ValueError):
+    """Raised for an impossible input profile. The message contains the allowed values."""
+
+
+class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How a participant selects and stops. The defaults are two controllers.
+
+    Raises:
+        InputProfileError: for a value out of range, a profile without a way to stop, or contradictory arms.
+    """
+
+    method: Annotated[InputMethod, Meta(description="How the participant selects.")] = "controllers"
+    dwell_s: Annotated[float, Meta(description="With `head`: time until the ring is full.")] = 1.0
+    scan_s: Annotated[float, Meta(description="With `one-switch`: time of the highlight on a target.")] = 1.5
+    select_key: Annotated[
+        str,
+        Meta(
+            max_length=MAX_KEY_LENGTH,
+            description="With `two-switches`: the key that selects. Every other key moves the highlight.",
+        ),
+    ] = "Enter"
+    resting_arms: Annotated[
+        tuple[Arm, ...], Meta(description="Arms that the participant cannot move. They rest.")
+    ] = ()
+    absent_arms: Annotated[
+        tuple[Arm, ...], Meta(description="Amputated arms. They rest and are not drawn.")
+    ] = ()
+    stops: Annotated[
+        tuple[StopWay, ...] | None,
+        Meta(description="How the participant stops the robot; default: by method."),
+    ] = None
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputProfileError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
+        if not self.select_key.strip():
+            raise InputProfileError("select_key is empty; allowed: the name of a key, such as Enter")
+        unusable = {*self.resting_arms, *self.absent_arms}
+        used = USED_ARMS.get(self.method, frozenset())
+        if used and used <= unusable:
+            raise InputProfileError(
+                f"{self.method} needs an arm that rests or is absent; allowed: head, one-switch, two-switches, "
+                "experimenter, or another hand"
+            )
+        if not self.stop_ways:
+            raise InputProfileError(
+                f"the profile has no way to stop the robot; allowed for {self.method}: "
+                f"{', '.join(POSSIBLE_STOPS[self.method])}"
+            )
+        for way in self.stop_ways:
+            if way not in POSSIBLE_STOPS[self.method]:
+                raise InputProfileError(
+                    f"{self.method} cannot stop by {way}; allowed: {', '.join(POSSIBLE_STOPS[self.method])}"
+                )
+
+    @property
+    def stop_ways(self) -> tuple[StopWay, ...]:
+        """The participant's ways to stop the robot. Keys, menu buttons and the experimenter always stop it too."""
+        possible = POSSIBLE_STOPS[self.method]
+        default = possible if self.method == "experimenter" else possible[:1]
+        return default if self.stops is None else self.stops
+
+    @property
+    def used_arms(self) -> tuple[Arm, ...]:
+        """The arms that are tracked while the participant takes part. The other arms rest."""
+        unusable = {*self.resting_arms, *self.absent_arms}
+        return tuple(arm for arm in ARMS if arm in USED_ARMS.get(self.method, ()) and arm not in unusable)
+
+    def needs(self, part: Part) -> bool:
+        """Whether tracking of a body part can get lost. Resting and absent arms never count as lost."""
+        return part == "head" or part in self.used_arms
+
+    def describe(self) -> str:
+        """Returns the profile in one line, in English."""
+        settings = {
+            "head": f"dwell {self.dwell_s:g} s",
+            "one-switch": f"scan {self.scan_s:g} s",
+            "two-switches": f"select with {self.select_key}",
+        }
+        arms = {
+            "resting": self.resting_arms,
+            "absent": self.absent_arms,
+        }
+        named = [f"{word}: {PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
+        stops = "stop by " + ", ".join(self.stop_ways)
+        return "; ".join(filter(None, [self.method, settings.get(self.method, ""), *named, stops]))
+
+
+CONTROLLERS = InputProfile()
+
+
+def read_profile(values: object) -> InputProfile:
+    """Returns the profile of a table of values. Raises ``InputProfileError`` if it is impossible."""
+    try:
+        return msgspec.convert(values, InputProfile)
+    except msgspec.ValidationError as error:
+        raise InputProfileError(str(error)) from None

@@ -1,0 +1,31 @@
+"""Store how a participant selects and stops the robot."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from avrgym.recording.input_profile import InputProfile, InputProfileError, read_profile
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_participant, record_event
+
+
+def checked_profile(values: Mapping[str, Any]) -> InputProfile:
+    """The input profile of a table of values. Raises ``StudyError`` if it is impossible."""
+    try:
+        return read_profile(values)
+    except InputProfileError as error:
+        raise StudyError(str(error)) from None
+
+
+def set_input_profile(
+    store: Store, pseudonym: str, profile: InputProfile, session: int | None = None
+) -> None:
+    """Store a participant's input profile, which replaces the earlier one. ``session``: the running session."""
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        values = msgspec.to_builtins(profile)
+        hash_chain.update(connection, schema.PARTICIPANT, participant.number, input_profile=values)
+        subject = {"participant": participant.number} | ({} if session is None else {"session": session})
+        record_event(connection, "input changed", profile.describe(), subject)

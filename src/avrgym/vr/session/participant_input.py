@@ -1,0 +1,40 @@
+"""The participant's input during a session: their input profile, and selections by the experimenter."""
+
+from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Send
+
+
+class ParticipantInput:
+    """The input profile of a participant. It may change during a session."""
+
+    def __init__(self, profile: InputProfile = CONTROLLERS) -> None:
+        self.profile = profile
+        self._targets = messages.Targets(0, [])
+
+    def welcome(self, send: Send, role: messages.Role) -> None:
+        """Send the profile to a new client, and the targets to an experimenter."""
+        send(self.message())
+        if role == "experimenter" and self.profile.method == "experimenter":
+            send(self._targets)
+
+    def message(self) -> messages.Input:
+        """Returns the profile for the clients, with the ways to stop."""
+        values = {name: getattr(self.profile, name) for name in InputProfile.__struct_fields__}
+        return messages.Input(**values | {"stops": self.profile.stop_ways})
+
+    def forward(self, message: messages.Offered | messages.Press, send: Send) -> None:
+        """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.
+
+        With other methods than ``experimenter``, only the participant selects. The experimenter then gets a problem.
+        """
+        if isinstance(message, messages.Offered):
+            self._targets = messages.Targets(message.number, message.targets)
+            send(self._targets)
+        elif self.profile.method == "experimenter":
+            send(messages.Pressed(message.number, message.value))
+        else:
+            problem = (
+                f"the participant selects with {self.profile.method}; select for them with input experimenter"
+            )
+            send(messages.Problem(problem, "experimenter"))

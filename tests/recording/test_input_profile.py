@@ -1,0 +1,69 @@
+"""Laws of input profiles: each has a way to stop that its participant can use; impossible ones are refused."""
+
+from itertools import product
+from typing import Any
+
+import msgspec
+import pytest
+
+from avrgym.recording.input_profile import (
+    ARMS,
+    METHODS,
+    POSSIBLE_STOPS,
+    RANGES,
+    STOP_WAYS,
+    USED_ARMS,
+    InputProfile,
+    InputProfileError,
+    read_profile,
+)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_has_a_stop_without_hands_where_it_needs_none(method: Any) -> None:
+    profile = InputProfile(method)
+    assert profile.stop_ways
+    assert set(profile.stop_ways) <= set(STOP_WAYS)
+    assert msgspec.convert(msgspec.to_builtins(profile), InputProfile) == profile
+    assert profile.needs("head")
+    if method not in USED_ARMS:
+        nobody = InputProfile(method, resting_arms=ARMS)
+        assert nobody.used_arms == ()
+        assert not {"buttons", "palm"} & set(POSSIBLE_STOPS[method])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_profile_without_a_possible_stop_is_refused(method: Any) -> None:
+    with pytest.raises(InputProfileError, match="no way to stop the robot; allowed for"):
+        InputProfile(method, stops=())
+    for way in set(STOP_WAYS) - set(POSSIBLE_STOPS[method]):
+        with pytest.raises(InputProfileError, match=f"{method} cannot stop by {way}; allowed: "):
+            InputProfile(method, stops=(way,))
+
+
+def test_a_method_needs_one_of_its_arms() -> None:
+    for (method, arms), kind in product(USED_ARMS.items(), ("resting_arms", "absent_arms")):
+        with pytest.raises(InputProfileError, match="needs an arm"):
+            InputProfile(method, **{kind: tuple(sorted(arms))})
+    one = InputProfile("controllers", absent_arms=("left",))
+    assert one.used_arms == ("right",)
+    assert [part for part in ("head", "left", "right") if one.needs(part)] == ["head", "right"]
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_durations_are_within_their_ranges(name: str) -> None:
+    low, high = RANGES[name]
+    for value in (low, high):
+        assert getattr(read_profile({name: value}), name) == value
+    for value in (0.99 * low, 1.01 * high, float("nan")):
+        with pytest.raises(InputProfileError, match=f"{name} is .*; allowed: "):
+            read_profile({name: value})
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"method": "telepathy"}, {"colour": "red"}, {"select_key": " "}, {"resting_arms": ["tail"]}, [], None],
+)
+def test_tables_that_are_no_profiles_are_refused(values: Any) -> None:
+    with pytest.raises(InputProfileError):
+        read_profile(values)

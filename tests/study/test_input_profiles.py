@@ -1,0 +1,65 @@
+"""Input profiles of participants: stored at enrolment and later, used by sessions, refused in words."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.recording.input_profile import InputProfile
+from avrgym.study.people.input_profiles import checked_profile, set_input_profile
+from avrgym.study.people.participants import enrol
+from avrgym.study.storage.attempts import begin_attempt
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from helpers.studies.small_studies import enrol_with_consent, make_study
+
+HEAD = InputProfile("head", dwell_s=2.0)
+
+
+def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> None:
+    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+        pseudonym = enrol_with_consent(store)
+        assert store.participant(pseudonym).input_profile is None
+        set_input_profile(store, pseudonym, HEAD)
+        assert store.participant(pseudonym).input_profile == HEAD
+        trial = store.remaining_trials(pseudonym)[0]
+        begin_attempt(store, open_session(store, pseudonym).id, trial.position, input_profile=HEAD)
+        assert [attempt.input_profile for attempt in store.attempts(pseudonym)] == [HEAD]
+        assert [each.detail for each in store.events() if each.name == "input changed"] == [HEAD.describe()]
+        other = enrol(store, "man", input_profile=HEAD)
+        assert store.participant(other).input_profile == HEAD
+        assert store.database.faults() == []
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"method": "head", "stops": []}, "no way to stop the robot; allowed for head: gaze, experimenter"),
+        ({"dwell_s": 5}, "dwell_s is 5; allowed: 0.5 to 3"),
+        ({"method": "left-hand", "absent_arms": ["left"]}, "left-hand needs an arm"),
+    ],
+)
+def test_impossible_profiles_are_refused(values: dict, words: str) -> None:
+    with pytest.raises(StudyError, match=words):
+        checked_profile(values)
+
+
+@pytest.mark.slow
+def test_commands_enrol_with_a_profile_and_change_it(tmp_path: Path) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]')
+
+    def run(*words: str) -> tuple[int, str]:
+        ran = CliRunner().invoke(app, ["study", *words])
+        return ran.exit_code, ran.output
+
+    assert run("enrol", str(folder), "--body", "woman", "--input", "one-switch")[0] == 0
+    assert "one-switch; scan 1.5 s" in run("input", str(folder), "sub-001")[1]
+    code, said = run("input", str(folder), "sub-001", "--scan", "3", "--resting-arm", "left")
+    assert (code, "scan 3 s; resting: left hand" in said) == (0, True)
+    code, said = run("input", str(folder), "sub-001", "--method", "head", "--stop", "palm")
+    assert (code, "cannot stop by palm" in said) == (1, True)
+    with Store(folder) as store:
+        stored = store.participant("sub-001").input_profile
+    assert stored == InputProfile("one-switch", scan_s=3.0, resting_arms=("left",))

@@ -1,0 +1,143 @@
+"""A whole short session in a real browser with each input profile, in the wheelchair and in the bed."""
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from avrgym.models.human import SKIN_TONES
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
+from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.reader import read_recording
+from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON, _plain
+from avrgym.vr.protocol import messages
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan
+from helpers.browser.choosers import Chooser, ExperimenterClient
+from helpers.browser.journey import Journey, wait_until
+from helpers.vr.visit import constant_policies, result
+
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
+
+LINE = Item("line", "How hard was it?", points=21, low="very low", high="very high")
+SEGMENT = -102
+"""The segment of the line that contains 14."""
+FIRST_TONE = 3
+PROFILES = {
+    "controllers": InputProfile(),
+    "hands": InputProfile("hands"),
+    "left hand": InputProfile("left-hand", resting_arms=("right",)),
+    "head": InputProfile("head", dwell_s=0.6, absent_arms=("left",)),
+    "one switch": InputProfile("one-switch", scan_s=1.0),
+    "two switches": InputProfile("two-switches"),
+    "experimenter": InputProfile("experimenter"),
+}
+
+
+@dataclass
+class Participation:
+    """A participant who answers each phase until the session is over. ``done``: what they selected, in order."""
+
+    journey: Journey
+    chooser: Chooser
+    experimenter: ExperimenterClient
+    profile: InputProfile
+    done: list[tuple[str, int]] = field(default_factory=list)
+
+    def choose(self, item: str, *values: int) -> None:
+        for value in values:
+            self.chooser.choose(value)
+            self.done.append((item, value))
+
+    def take_part(self) -> None:
+        stopped, phase = 0, ""
+        while phase != "finished":
+            shown, question = self.journey.headset.call("phaseAndQuestion")
+            phase = shown["name"]
+            buttons = self.journey.headset.call("buttons")
+            if phase in ("headset_stop", "trial") and stopped < 1 + (phase == "trial"):
+                self.chooser.stop()
+                stopped += 1
+                wait_until(lambda left=phase: self.journey.headset.call("phase")["name"] != left)
+                self.lie_back()
+            elif buttons and question and buttons[0]["item"] == question["item"]:
+                self.answer(question)
+            elif buttons and not question:
+                self.go_on(phase)
+            self.journey.headset.wait_for_frames(3)
+
+    def answer(self, question: dict) -> None:
+        before = [value for item, value in self.done if item == question["item"]]
+        staged = self.profile.method not in ("controllers", "hands", "left-hand")
+        if question["item"] != LINE.id:
+            self.choose(question["item"], 1 if question["points"] == 2 else 6)
+        elif before:
+            self.choose(LINE.id, *((SEGMENT, 15) if staged else (15,)))
+        else:
+            self.choose(LINE.id, *((SEGMENT, BACK, SEGMENT, 14) if staged else (14,)))
+
+    def go_on(self, phase: str) -> None:
+        """Select the button with which the phase continues, once also each other one."""
+        if phase == "headset" and ("headset", GO_ON) in self.done:
+            self.experimenter.send(messages.Command("skip"))
+            wait_until(lambda: self.journey.session.phase != "headset")
+        elif phase == "calibration" and ("calibration", FIRST_TONE) not in self.done:
+            self.chooser.choose(FIRST_TONE, lambda: self.tone == next(iter(SKIN_TONES)))
+            self.done.append((phase, FIRST_TONE))
+        elif phase == "check" and ("check", AGAIN) not in self.done:
+            self.choose(phase, AGAIN)
+        elif phase == "confirm":
+            self.choose(phase, BACK if ("confirm", BACK) not in self.done else DONE)
+        else:
+            self.lie_back()
+            self.choose(phase, GO_ON)
+
+    @property
+    def tone(self) -> str:
+        return self.journey.session.person.skin_tone
+
+    def lie_back(self) -> None:
+        """Rest in the seat or bed."""
+        participant, session = self.journey.participant, self.journey.session
+        participant.adopt_posture(session.world.environment_id)
+        frame = participant.frame(time.monotonic(), moving=False)
+        poses = {"head": _plain(frame.head), "left": _plain(frame.left), "right": _plain(frame.right)}
+        self.journey.headset.call("setPoses", self.chooser.rest(poses))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROFILES)
+def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
+    """Headset check, body, calibration, reach, practice with a stop, trial in bed, all item types, back, confirm."""
+    profile = PROFILES[name]
+    trials = [
+        TrialPlan("avrgym/ScratchItchJaco-v1", "drive", 0, practice=True),
+        TrialPlan("avrgym/BedBathingJaco-v1", "drive", 1, practice=False),
+    ]
+    plan = SessionPlan(
+        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], LINE), trial_steps=80, countdown_s=0.3,
+        input_profile=profile, haptics=False, measure_reach=True,
+        headset_check=HeadsetCheckPlan(at_rest_s=0.5, stretched_s=0.5, moving_s=0.5),
+    )  # fmt: skip
+    began = time.monotonic()
+    query = "&headset=hands" if name == "hands" else ""
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, plan, constant_policies(plan), opened, query=query)
+        experimenter = opened.enter_context(ExperimenterClient(journey.server))
+        chooser = Chooser(journey.headset, profile, experimenter)
+        person = Participation(journey, chooser, experimenter, profile)
+        person.lie_back()
+        journey.headset.enter_vr()
+        person.take_part()
+        session, observed = journey.session, journey.observed
+        assert session.person.skin_tone == next(iter(SKIN_TONES))
+    print(f"{name}: {(time.monotonic() - began) / 60:.1f} min, {len(person.done)} selections")
+    lost = {each.part for each in observed if isinstance(each, events.TrackingLost | events.TrackingTimedOut)}
+    assert lost <= {"head", *profile.used_arms}
+    recordings = [read_recording(path) for path in session.recordings]
+    assert [result(each) for each in recordings] == ["stopped", "completed", "completed"]
+    assert {each.configuration.input_profile for each in recordings} == {profile}
+    values = [(record.item, record.value) for _, record in recordings[-1].topics["/answers"]]
+    assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14)]

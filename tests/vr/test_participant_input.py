@@ -1,0 +1,103 @@
+"""Sessions with input profiles: resting arms, changes during a trial, and selections by the experimenter."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from avrgym.recording.input_profile import InputProfile
+from avrgym.tasks.registry import TASKS
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Input, Offered, Press, Pressed, Target, Targets, Tracking
+from avrgym.vr.session import events
+from avrgym.vr.session.plan import HeadsetCheckPlan
+from avrgym.vr.tracking.body import ARMS
+from helpers.vr.visit import Visit, plan
+
+SCRATCH = "avrgym/ScratchItchJaco-v1"
+
+
+class Armless(Visit):
+    """A participant whose arms are not tracked while ``untracked``."""
+
+    untracked = True
+
+    def frame(self) -> Tracking:
+        frame = super().frame()
+        return msgspec.structs.replace(frame, left=None, right=None) if self.untracked else frame
+
+
+def visiting(folder: Path, profile: InputProfile, **changes) -> Armless:
+    return Armless(
+        folder, replace(plan(environments=[SCRATCH], trial_steps=20), input_profile=profile, **changes)
+    )
+
+
+def test_untracked_arms_rest_without_events_where_the_profile_needs_none(tmp_path: Path) -> None:
+    """The task needs the right arm. It is tracked for a while, then returns to its rest pose."""
+    profile = InputProfile("head")
+    visit = visiting(tmp_path, profile)
+    visit.untracked = False
+    visit.go_to("trial")
+    visit.untracked = True
+    visit.run_until("questionnaire")
+    lost = (events.TrackingLost, events.TrackingTimedOut)
+    assert not [each for each in visit.observed if isinstance(each, lost)]
+    visit.tick(400)
+    joints = ARMS["left"] + ARMS["right"]
+    rest = TASKS["ScratchItch"].pose.rest_rad
+    np.testing.assert_allclose(visit.session.world.joint_targets_rad[joints], rest[joints], atol=1e-9)
+    (recording,) = visit.recordings()
+    assert recording.configuration.input_profile == profile
+    assert not {"tracking_lost", "pose_held"} & {event.name for _, event in recording.topics["/events"]}
+
+
+@pytest.mark.slow
+def test_the_profile_may_change_during_a_trial(tmp_path: Path) -> None:
+    visit = visiting(tmp_path, InputProfile())
+    visit.untracked = False
+    visit.go_to("trial")
+    profile = InputProfile("one-switch", scan_s=2.0, absent_arms=("right",))
+    visit.session.change_input(profile, visit.now_s)
+    assert (visit.received(Input)[-1].method, visit.received(Input)[-1].stops) == ("one-switch", ("switch",))
+    visit.untracked = True
+    visit.run_until("questionnaire")
+    changed = [each.profile for each in visit.observed if isinstance(each, events.InputChanged)]
+    assert changed == [profile]
+    (recording,) = visit.recordings()
+    assert recording.configuration.input_profile == InputProfile()
+    assert ("input_changed", profile.describe()) in [
+        (event.name, event.detail) for _, event in recording.topics["/events"]
+    ]
+
+
+def test_the_experimenter_selects_only_for_a_participant_with_that_profile(tmp_path: Path) -> None:
+    visit = visiting(tmp_path, InputProfile("experimenter"))
+    offer = Offered(3, [Target(-4, "Go on")])
+    visit.send(offer, Press(3, -4))
+    assert visit.received(Targets) == [Targets(3, offer.targets)]
+    assert visit.received(Pressed) == [Pressed(3, -4)]
+    visit.session.welcome(visit.receive, "experimenter", visit.now_s)
+    assert len(visit.received(Targets)) == 2
+    visit.session.change_input(InputProfile("head"), visit.now_s)
+    visit.send(Press(3, -4))
+    assert len(visit.received(Pressed)) == 1
+    assert visit.problems[-1].startswith("the participant selects with head")
+
+
+@pytest.mark.slow
+def test_a_stop_by_the_experimenter_is_the_stop_of_some_profiles(tmp_path: Path) -> None:
+    check = HeadsetCheckPlan(at_rest_s=0.1, stretched_s=0.1, moving_s=0.1)
+    for profile, phase in (
+        (InputProfile("head"), "headset_stop"),
+        (InputProfile("experimenter"), "headset_check"),
+    ):
+        visit = visiting(tmp_path / phase, profile, headset_check=check)
+        visit.send(messages.Entered())
+        visit.tick(10)
+        visit.send(messages.Ready())
+        visit.run_until("headset_stop")
+        visit.send(messages.Command("stop"))
+        assert visit.phase == phase
