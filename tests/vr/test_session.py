@@ -533,7 +533,7 @@ def test_the_simulated_body_goes_where_the_participant_is(visit: Callable[..., V
     random = np.random.default_rng(11)
     visitor = visit(random_person(sex, 3), sex=sex, free_movement_s=100.0)
     visitor.go_to("free_before")
-    begins_rad = visitor.participant._joint_angles(visitor.now_s, True)
+    begins_rad = visitor.participant._angles_rad
     for _ in range(5):
         degrees = {name: random.uniform(*limits) for name, limits in COMFORTABLE_DEG.items()}
         ends_rad = human.joint_angles(**degrees)
