@@ -59,7 +59,9 @@ def detections(q: np.ndarray) -> list[tuple[float, int, str]]:
     return found
 
 
-def with_gestures(q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, list[tuple[float, float, int, str]]]:
+def with_gestures(
+    q: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, list[tuple[float, float, int, str]]]:
     """The motion with added gestures, and for each one its start, end, head and name."""
     times_s = np.arange(len(q)) * SAMPLE_S
     turned, added = np.zeros((*q.shape[:2], 3)), []
@@ -90,7 +92,9 @@ def main() -> None:
         found = detections(moved)
         hits = wrong = 0
         for start_s, end_s, head, name in added:
-            names = {each for time_s, who, each in found if who == head and start_s < time_s < end_s + LATEST_S}
+            names = {
+                each for time_s, who, each in found if who == head and start_s < time_s < end_s + LATEST_S
+            }
             hits += name in names
             wrong += bool(names - {name})
         row = np.array([minutes, alarms, len(added), len(added) - hits, wrong])
@@ -102,10 +106,8 @@ def main() -> None:
 def print_row(name: str, row: np.ndarray) -> None:
     """Print one line of the table."""
     minutes, alarms, gestures, missed, wrong = row
-    print(
-        f"{name:14} {minutes:7.1f} {alarms / minutes:9.2f} {gestures:8.0f} {missed / gestures:7.1%} {wrong / gestures:8.1%}",
-        flush=True,
-    )
+    rates = f"{alarms / minutes:9.2f} {gestures:8.0f} {missed / gestures:7.1%} {wrong / gestures:8.1%}"
+    print(f"{name:14} {minutes:7.1f} {rates}", flush=True)
 
 
 if __name__ == "__main__":

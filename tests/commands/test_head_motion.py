@@ -51,10 +51,11 @@ def test_gestures_are_found_once_in_every_posture(axis: int, name: str, rest: li
         cycles(0, 12.0, 1.8, 1 / 1.8),
         cycles(2, 20.0, 1.5, 3.0),
         cycles(0, 12.0, 6.0, 3.0),
+        cycles(0, 12.0, 1.0, 3.0),
         cycles(0, 12.0, 1.5, 3.0) + cycles(1, 12.0, 1.5, 3.0),
         np.radians(60.0) * np.clip(TIMES_S - 3.0, 0.0, 1.0)[:, None] * [0.0, 1.0, 0.0],
     ],
-    ids=["too small", "one cycle", "tilting", "tremor", "about two axes", "turn"],
+    ids=["too small", "one cycle", "tilting", "tremor", "slow", "about two axes", "turn"],
 )
 def test_other_motion_gives_no_gesture(angles: FloatArray) -> None:
     assert gestures(angles, [0.0, 0.0, 0.0], Thresholds()) == []

@@ -7,8 +7,8 @@ the head in alternating directions, a shake the same about its vertical axis. Th
 
 - A turn of the head is a single swing, and looking back another one.
 - Swings about the other axes must be at most half as large: people who look about turn about several axes.
-- Faster swings than ``FASTEST_HZ`` do not count. Tremor of the head has 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
-  2018).
+- Swings slower than ``SLOWEST_HZ`` or faster than ``FASTEST_HZ`` do not count. Tremor of the head has 4 to 12 Hz
+  (Bhatia et al., Mov. Disord. 33:75, 2018).
 - Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
 """
 
@@ -23,7 +23,8 @@ from avrgym.geometry import transforms
 SAMPLE_S = 0.04
 """Minimum interval of samples. Headsets with 50 to 120 frames a second then give 22 to 25 samples a second."""
 WINDOW_S = 1.5
-FASTEST_HZ = 3.5
+SLOWEST_HZ, FASTEST_HZ = 1.4, 3.5
+"""Frequencies of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
 DOMINANCE = 2.0
 """Smallest ratio of the swings about the axis of a gesture to those about the other axes."""
 PAUSE_S = 1.5
@@ -65,6 +66,7 @@ class HeadGestures:
             others = np.delete(swings.extent_rad, axis, axis=1).max(axis=-1)
             done = swings.number[:, axis] >= self._thresholds.swings
             done &= swings.duration_s[:, axis] >= 0.5 / FASTEST_HZ
+            done &= swings.duration_s[:, axis] <= 0.5 / SLOWEST_HZ
             done &= swings.extent_rad[:, axis] >= DOMINANCE * others
             done &= time_s >= self._quiet_until_s
             self._quiet_until_s = np.where(done, time_s + PAUSE_S, self._quiet_until_s)
