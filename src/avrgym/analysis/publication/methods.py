@@ -6,6 +6,7 @@ from statistics import fmean, stdev
 
 from avrgym.analysis.adverse_events import describe_adverse_events
 from avrgym.analysis.biomechanics.training_people import posture_of
+from avrgym.analysis.commands import describe_condition
 from avrgym.analysis.designs import describe_by_design
 from avrgym.analysis.flow import ParticipantFlow, flow_steps
 from avrgym.analysis.headsets import describe_headset_checks
@@ -177,6 +178,8 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
     )
     yield describe_by_design(analysed_designs(analysis, flow), design, _equipment)
+    for name, rules in design.conditions.items():
+        yield f"Condition {name}: {describe_condition(rules)}"
     yield from _plugins(analysis, flow)
     yield _latency(analysis)
     if checked:
