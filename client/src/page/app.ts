@@ -99,7 +99,7 @@ export class App {
       message: (message) => this.receive(message),
       link: (link, code) => this.onLink(link, code),
     });
-    this.xrFrames = new XRFrameHandler(this.panel, this.choices.selection, this.connection, (eyes) => this.world.surfacePoints(eyes));
+    this.xrFrames = new XRFrameHandler(this.panel, this.choices.selection, this.connection, this.world);
     this.latency = new LatencyMeter((sequence) => this.xrFrames.numbering.timesOf(sequence));
     this.session = new XRSessionManager(this.view.renderer, {
       begins: (session) => this.stopControl.listen(session),

@@ -37,16 +37,23 @@ function effort({ distance, turn, elevation }: Candidate): number {
  * The middle of a free place for a panel that faces the eyes, without obstacles before, in or close behind it.
  *
  * The place is as close to straight ahead as possible; if none is free, it is that with the fewest obstacles.
- * `forward` is horizontal; `points` are x, y, z of a dense sample of the surrounding surfaces.
+ * `forward` is horizontal; `points` are x, y, z of a dense sample of the surrounding surfaces. `reclineRad`: angle by
+ * which the participant leans back. It raises all places, so that people in bed see the panel in front of them.
  */
-export function findFreePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
+export function findFreePlace(
+  eyes: Vector3,
+  forward: Vector3,
+  points: Float32Array,
+  half: HalfSize,
+  reclineRad = 0,
+): Vector3 {
   let [best, least] = [CANDIDATES[0]!, Infinity];
   for (const candidate of CANDIDATES) {
-    const count = countObstacles(eyes, axesOf(candidate, forward), candidate.distance, points, half);
+    const count = countObstacles(eyes, axesOf(candidate, forward, reclineRad), candidate.distance, points, half);
     if (count < least) [best, least] = [candidate, count];
     if (least === 0) break;
   }
-  return axesOf(best, forward).ahead.multiplyScalar(best.distance).add(eyes);
+  return axesOf(best, forward, reclineRad).ahead.multiplyScalar(best.distance).add(eyes);
 }
 
 /** Whether a panel at `middle` that faces the eyes has no obstacles before, in or close behind it. */
@@ -62,7 +69,8 @@ interface Axes {
   up: Vector3;
 }
 
-function axesOf({ turn, elevation }: Candidate, forward: Vector3): Axes {
+function axesOf({ turn, elevation: from }: Candidate, forward: Vector3, reclineRad: number): Axes {
+  const elevation = from + reclineRad;
   const level = forward.clone().setY(0).normalize().applyAxisAngle(UP, -turn);
   return facing(level.multiplyScalar(Math.cos(elevation)).addScaledVector(UP, Math.sin(elevation)));
 }

@@ -108,14 +108,14 @@ export class Panel {
   }
 
   /** Places a new panel in a free place close to the viewing direction. */
-  place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array): void {
+  place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array, reclineRad = 0): void {
     if (!this.content || (this.placed && this.reviewed)) return;
     const points = surfacePoints(head);
     const stays = this.placed && isFree(head, this.mesh.position, points, PANEL_HALF_M);
     this.placed = this.reviewed = true;
     this.mesh.visible = true;
     if (stays) return;
-    this.mesh.position.copy(findFreePlace(head, forward, points, PANEL_HALF_M));
+    this.mesh.position.copy(findFreePlace(head, forward, points, PANEL_HALF_M, reclineRad));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }

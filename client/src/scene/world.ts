@@ -127,6 +127,12 @@ export class World {
     this.content?.setFirstPerson(inside);
   }
 
+  /** The angle by which the participant leans back in the seat or bed. */
+  get reclineRad(): number {
+    const [w, x] = this.newest?.skeleton.hips_q_w ?? [1, 0];
+    return 2 * Math.atan2(Math.abs(x), w);
+  }
+
   /** Sample points x, y, z on the surrounding surfaces. */
   surfacePoints(eyes: Vector3): Float32Array {
     this.root.updateMatrixWorld();

@@ -5,6 +5,7 @@ import type { Panel } from "../panel/panel";
 import { kindOfProfile, points, pointsWith } from "../input/input-profile";
 import { Pointers } from "../input/pointers";
 import type { Selection } from "../input/selection";
+import type { World } from "../scene/world";
 import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 
 /** Handles XR frames: sends poses, places the panel, updates the pointers. */
@@ -27,7 +28,7 @@ export class XRFrameHandler {
     private readonly panel: Panel,
     private readonly selection: Selection,
     private readonly connection: Connection,
-    private readonly surfacePoints: (eyes: Vector3) => Float32Array,
+    private readonly world: Pick<World, "surfacePoints" | "reclineRad">,
   ) {}
 
   /** Reads the poses of a frame and sends them. */
@@ -79,6 +80,8 @@ export class XRFrameHandler {
     const { position, orientation } = viewer.transform;
     this.head.set(position.x, position.y, position.z);
     this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
-    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn), this.surfacePoints);
+    const { world } = this;
+    const forward = this.forward.set(0, 0, -1).applyQuaternion(this.turn);
+    this.panel.place(this.head, forward, (eyes) => world.surfacePoints(eyes), world.reclineRad);
   }
 }

@@ -95,3 +95,14 @@ describe("the place of the panel", () => {
     expect([middle, behind].map((place) => isFree(eyes, place, points, PANEL_HALF_M))).toEqual([true, false]);
   });
 });
+
+describe("for a participant who leans back", () => {
+  it("the panel is as far below the gaze as for one who sits upright", () => {
+    const eyes = new Vector3(0, 1, 0);
+    for (const reclineRad of [0, Math.PI / 6, Math.PI / 4]) {
+      const place = findFreePlace(eyes, AHEAD, new Float32Array(), PANEL_HALF_M, reclineRad).sub(eyes);
+      const gaze = AHEAD.clone().applyAxisAngle(new Vector3(1, 0, 0), reclineRad);
+      expect((place.angleTo(gaze) * 180) / Math.PI).toBeCloseTo(5);
+    }
+  });
+});
