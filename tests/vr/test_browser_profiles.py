@@ -117,7 +117,7 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
         TrialPlan("avrgym/BedBathingJaco-v1", "drive", 1, practice=False),
     ]
     plan = SessionPlan(
-        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], LINE), trial_steps=80, countdown_s=0.3,
+        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], LINE), trial_steps=200, countdown_s=0.3,
         input_profile=profile, haptics=False, measure_reach=True,
         headset_check=HeadsetCheckPlan(at_rest_s=0.5, stretched_s=0.5, moving_s=0.5),
     )  # fmt: skip
