@@ -22,7 +22,7 @@ from helpers.system.processes import AVRGYM, kill_with_parent
 from helpers.vr.visit import ENVIRONMENT, constant_policy
 
 ROW_KEYS = [
-    "env", "policy", "people", "impairment", "stream", "episodes", "reward_mean", "reward_std", "success_rate",
+    "env", "policy", "people", "impairment", "split", "episodes", "reward_mean", "reward_std", "success_rate",
     "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
     "engine", "device",
 ]  # fmt: skip
