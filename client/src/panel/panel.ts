@@ -29,7 +29,7 @@ export class Panel {
   hovered: number | null = null;
   /** The number of the offered targets. */
   offer = 0;
-  private readonly ring = new Mesh(new BufferGeometry(), new MeshBasicMaterial({ color: 0xffd36b, depthTest: false, toneMapped: false }));
+  private readonly ring = new Mesh(new BufferGeometry(), new MeshBasicMaterial({ color: 0xb8860b, transparent: true, depthTest: false, depthWrite: false, toneMapped: false }));
   private ringStep = 0;
   private readonly plane: CanvasPlane;
   private content: PanelContent | null = null;
