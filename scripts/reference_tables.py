@@ -11,7 +11,7 @@ from typing import Any
 
 from avrgym.learning.evaluation import Evaluation, wilson_interval
 from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS
-from avrgym.people.zoo.styles import STYLES, Style
+from avrgym.people.zoo.styles import PARAMETER_SOURCES, STYLES, Style
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
@@ -190,6 +190,11 @@ def zoo_styles() -> Lines:
     )
 
 
+def zoo_parameters() -> Lines:
+    """The source of each behaviour parameter, or that it is an assumption."""
+    return table(("parameter", "source"), [(f"`{name}`", text) for name, text in PARAMETER_SOURCES.items()])
+
+
 def zoo_partners() -> Lines:
     """Which parameters each style moves along which axis, and how many partners it has."""
     rows = [
@@ -197,7 +202,7 @@ def zoo_partners() -> Lines:
         for name, style in STYLES.items()
     ]
     total = " + ".join(str(len(partners)) for partners in ZOOS.values())
-    return table(("style", *AXES, "partners, train + unseen"), [*rows, ("all", "", "", "", total)])
+    return table(("style", *AXES, "partners, train + unseen + extreme"), [*rows, ("all", "", "", "", total)])
 
 
 def _ranges(style: Style, axis: str) -> str:
@@ -291,7 +296,7 @@ TABLES = {
     each.__name__: each
     for each in (
         environments, observations, robots, body_regions, policies, policies_clinical, policy_training,
-        training_settings, zoo_styles, zoo_partners, instruments, evaluation, analysis_tables, errors,
+        training_settings, zoo_styles, zoo_parameters, zoo_partners, instruments, evaluation, analysis_tables, errors,
     )
 }  # fmt: skip
 """By the name of the file that they are written to."""

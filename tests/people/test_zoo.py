@@ -1,5 +1,6 @@
 """Zoo partners: their parameters, and motion according to their style within human limits."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +15,14 @@ from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.people.zoo.partners import (
+    BOUNDS,
     PARAMETER_NAMES,
     PARTNER_PARAMETERS,
     PARTNERS,
     ZOOS,
     apply_partner_bodies,
 )
-from avrgym.people.zoo.styles import STYLES
+from avrgym.people.zoo.styles import PARAMETER_SOURCES, STYLES
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
@@ -126,12 +128,32 @@ def test_training_and_held_out_parameters_differ(trait):
     assert not values["zoo/train"] & values["zoo/unseen"]
 
 
+def test_each_parameter_has_a_source_or_is_an_assumption():
+    assert tuple(PARAMETER_SOURCES) == PARAMETER_NAMES
+    for text in PARAMETER_SOURCES.values():
+        assert "assumption" in text or re.search(r"\d{4}", text)
+
+
+def test_extreme_partners_are_outside_the_range_of_training():
+    for row, partner in enumerate(PARTNERS):
+        if partner.zoo != "zoo/extreme":
+            continue
+        for axis in STYLES[partner.style].axes:
+            for trait, ends in axis.items():
+                value, bounds = getattr(PARTNER_PARAMETERS, trait)[row], BOUNDS.get(trait, (0.0, np.inf))
+                assert value <= min(ends) or value >= max(ends)
+                assert value not in ends or value in bounds
+                assert bounds[0] <= value <= bounds[1]
+
+
 def test_style_parameters_stay_within_their_ranges():
     for style in STYLES.values():
         moved = [trait for axis in style.axes for trait in axis]
         assert set(moved) <= set(PARAMETER_NAMES)
         assert len(set(moved)) == len(moved)
     for row, partner in enumerate(PARTNERS):
+        if partner.zoo == "zoo/extreme":
+            continue
         for axis in STYLES[partner.style].axes:
             for trait, (first, last) in axis.items():
                 assert first - 1e-9 <= getattr(PARTNER_PARAMETERS, trait)[row] <= last + 1e-9
@@ -156,7 +178,9 @@ def test_zoos_and_single_styles_have_names(name):
 
 @pytest.mark.parametrize("name", ["zoo", "zoo/test", "zoo/train/", "zoo/train/nope", "zoo/unseen/train"])
 def test_unknown_zoos_and_styles_list_the_names(name):
-    with pytest.raises(ValueError, match=r"zoo/train, zoo/unseen, a style of the zoo such as .*hesitant"):
+    with pytest.raises(
+        ValueError, match=r"zoo/train, zoo/unseen, zoo/extreme, a style of the zoo such as .*hesitant"
+    ):
         distributions.find_distribution(name, TASKS)
 
 

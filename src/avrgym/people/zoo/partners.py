@@ -1,7 +1,8 @@
 """Partners of the zoo: for each style, one partner per combination of levels on its axes.
 
-A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``, the held-out population
-``zoo/unseen``. On every axis the held-out values are between the training values; no value is in both populations.
+A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out populations are
+``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training values, and no
+value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster, smaller and larger.
 """
 
 from collections.abc import Collection, Mapping
@@ -16,14 +17,23 @@ from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_TARGET_RAD
-from avrgym.people.population_names import TRAIN_ZOO, UNSEEN_ZOO
+from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
 
 LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
+    EXTREME_ZOO: (-0.4, 1.4),
 }
 """Levels on each axis of a style, by zoo: 0 selects the first value of each range, 1 the last value."""
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "reaction_s": (0.1, 0.95),
+    "facing_share": (0.0, 1.0),
+    "glance_share": (0.0, 0.9),
+    "strength_share": (0.1, 1.0),
+    "range_share": (0.2, 1.0),
+}
+"""Possible values of parameters. Values of ``zoo/extreme`` are clipped to them."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +117,7 @@ def _partners() -> tuple[Partner, ...]:
 def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style at levels on its axes."""
     return {
-        trait: first + level * (last - first)
+        trait: float(np.clip(first + level * (last - first), *BOUNDS.get(trait, (0.0, np.inf))))
         for axis, level in zip(style.axes, levels, strict=True)
         for trait, (first, last) in axis.items()
     }

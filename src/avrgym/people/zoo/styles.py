@@ -130,3 +130,30 @@ STYLES: Mapping[str, Style] = {
     ),
 }
 """Behaviour styles by name. "Assistive Gym" is Erickson et al., ICRA 2020."""
+
+ASSUMPTION = "assumption"
+PARAMETER_SOURCES: Mapping[str, str] = {
+    "reaction_s": "Woods et al. 2015; hesitant, talking, distracted and weak people: assumption",
+    "facing_share": ASSUMPTION,
+    "approach_share": ASSUMPTION,
+    "pause_s": "assumption; that people pause: Moon et al. 2011",
+    "away_deg": ASSUMPTION,
+    "startle_deg": "assumption; that it habituates: Brown et al. 1991",
+    "startle_m": ASSUMPTION,
+    "startle_s": ASSUMPTION,
+    "glance_deg": ASSUMPTION,
+    "wander_deg": ASSUMPTION,
+    "glance_every_s": "talking people: Rogers et al. 2018; distracted people: assumption",
+    "glance_share": "talking people: Rogers et al. 2018; distracted people: assumption",
+    "chew_deg": "assumption; that the head moves: Häggman-Henrikson and Eriksson 2004",
+    "chew_hz": "Po et al. 2011",
+    "shift_deg": "Chen et al. 2021",
+    "shift_every_s": ASSUMPTION,
+    "sway_deg": ASSUMPTION,
+    "sway_hz": ASSUMPTION,
+    "speed_share": ASSUMPTION,
+    "tremor_deg": "Erickson et al. 2020",
+    "strength_share": "Erickson et al. 2020",
+    "range_share": "Erickson et al. 2020",
+}
+"""Source of each behaviour parameter's range. ``Style.source`` contains the references."""
