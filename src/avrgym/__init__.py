@@ -1,8 +1,8 @@
 """AVR Gym: real people meet simulated assistive robots in virtual reality.
 
-Importing the package registers the Gymnasium environments. On Linux without a screen it also has MuJoCo draw with a
-library that needs none, by ``MUJOCO_GL``, unless that is set or MuJoCo was imported before. MuJoCo is imported with the
-first environment; from then on its warnings go to the logger ``avrgym.mujoco``.
+Importing the package registers the Gymnasium environments. On Linux without a screen the import also sets
+``MUJOCO_GL`` to a rendering library that needs no screen. An existing value is not changed. The first
+environment imports MuJoCo. MuJoCo's warnings go to the logger ``avrgym.mujoco``.
 """
 
 from importlib import import_module
@@ -21,11 +21,11 @@ register()
 
 
 def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
-    """Robot and human as two agents: PettingZoo's parallel environment; see ``AssistiveParallelEnv`` for arguments.
+    """Create a PettingZoo parallel environment with two agents, robot and human; see ``AssistiveParallelEnv``.
 
     Raises:
-        RuntimeError: without PettingZoo, naming what brings it.
-        ValueError: for an unknown name, naming what is allowed.
+        RuntimeError: without PettingZoo. The message contains the install command.
+        ValueError: for an unknown name. The message lists the allowed names.
     """
     try:
         from avrgym.envs.parallel import AssistiveParallelEnv

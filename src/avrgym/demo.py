@@ -30,7 +30,7 @@ FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 class DemoResult:
     """The files of a demonstration.
 
-    ``without_browser``: why the demonstration ran without a browser; ``None`` if it ran in one.
+    ``without_browser``: reason why the demonstration ran without a browser; ``None`` if it ran in a browser.
     """
 
     pages: list[Path]

@@ -290,7 +290,7 @@ def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None
         withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None, completed_without_data=1,
     )  # fmt: skip
-    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without a trial or answer that counts"])
+    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without a counted trial or answer"])
 
 
 # What a reader could misread

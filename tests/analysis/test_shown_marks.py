@@ -92,7 +92,7 @@ def test_what_was_not_measured_in_simulation_has_no_column_and_no_mark(
         assert any(name.startswith("simulation") for name in table) is is_measured, policy
         assert all(name.startswith(("simulation", "VR", "task", "simulated")) for name in table)
     page = " ".join(Page(out / "report" / "index.html").text.split())
-    assert "of oracle in virtual reality; it was not measured in simulation" in page
+    assert "of oracle in virtual reality; it was not evaluated in simulation" in page
     assert "of revised in simulation and in virtual reality" in page
     for name in ("paper_table_1_oracle", "paper_table_1_revised", "paper_table_2"):
         rows = read_table(out, name)

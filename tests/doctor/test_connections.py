@@ -97,7 +97,7 @@ def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     certificate_for(NAMES, folder)
     assert connections.check_certificate(wanted) == Finding("ok", str(wanted.certificate_file))
     other = connections.check_certificate(certificate_in(folder, ("192.0.2.8",)))
-    assert (other.state, "lacks a present name" in other.message) == ("warning", True)
+    assert (other.state, "lacks a current name" in other.message) == ("warning", True)
     wanted.key_file.chmod(0o644)
     assert "chmod 600" in connections.check_certificate(wanted).fix
     wanted.key_file.chmod(0o600)

@@ -131,7 +131,7 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
         ({HUMAN: "up"}, "human: str is not an array of numbers"),
         (
             {"nurse": np.zeros(7)},
-            "actions of robot, human, nurse; allowed: one action of each agent: robot, human",
+            "actions of robot, human, nurse; allowed: one action for each agent: robot, human",
         ),
     ],
 )

@@ -123,7 +123,7 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
     page = " ".join(Page(write_without_figures(analysis, folder, folder / "analysis")).text.split())
     assert page.count(named) == 2  # in the plan's deviations and in the section about repeats
     assert (
-        f"{extra} attempts were replaced by repeats: experimenter {extra}. Ordered by: ada {extra}." in page
+        f"{extra} attempts were replaced by repeats: experimenter {extra}. Requested by: ada {extra}." in page
     )
     assert named in (folder / "analysis" / "reporting" / "methods.md").read_text()
     rows = json.loads((folder / "analysis" / "results.json").read_text())["repeats"]

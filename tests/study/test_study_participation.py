@@ -119,7 +119,7 @@ def test_list_begun_late_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         (store.folder / FILE).unlink()
     with Store(tmp_path / "study") as store:
         enrol(store, "man")
-        assert any("was begun at" in finding.message for finding in check_participation(store))
+        assert any("was started at" in finding.message for finding in check_participation(store))
 
 
 @pytest.mark.slow

@@ -87,7 +87,7 @@ def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     assert "max_held_share allows 30 %" in second["left_out"]
     assert [answer.position for answer in analysis.observed.answers if answer.counted] == [1] * 4
     assert sum(row.trials for row in analysis.objective if row.task == "Feeding") == 1
-    assert "Left out of the analyses" in page
+    assert "Excluded from the analyses" in page
     assert f"{pseudonym}, trial 2: tracking was lost for 100.0 %" in page
     (problem,) = (each for each in analysis.results()["problems"] if "left out" in each["what"])
     assert problem["where"] == second["recording"]

@@ -59,7 +59,7 @@ def test_a_second_training_in_a_folder_is_refused(tmp_path: Path, arguments: lis
         )
         assert refused.exit_code == 1
         (line,) = refused.stderr.splitlines()
-        assert line.startswith(f"avrgym: {folder} is in use by process {process.pid}; only one training")
+        assert line.startswith(f"avrgym: {folder} is in use by process {process.pid}; only one process")
         after = {path.name: path.read_bytes() for path in folder.iterdir()}
         assert after.items() <= before.items()
 

@@ -230,10 +230,10 @@ def test_no_trial_completes_in_which_time_was_lost(visit: Callable[..., Visit]) 
     print(f"\na gap of {1000 * np.diff(times_s).max():.0f} ms")
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["time_lost", "robot_holds"]
-    assert recording.topics["/events"][-2][1].detail == "the computer stood still for 10.0 s"
+    assert recording.topics["/events"][-2][1].detail == "the computer was suspended for 10.0 s"
     (lost,) = (each for each in frozen.observed if isinstance(each, session_events.TimeLost))
     assert lost.seconds == pytest.approx(FROZEN_TICKS * TICK_S)
-    assert "stood still for 10.0 s" in frozen.problems[-1]
+    assert "was suspended for 10.0 s" in frozen.problems[-1]
     assert "The computer did not respond" in frozen.received(Phase)[-1].text
     frozen.tick(5)
     frozen.send(Ready())

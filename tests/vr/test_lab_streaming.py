@@ -109,7 +109,7 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
     assert heart == [StreamFound, StreamLost, StreamFound]
     recorded = [(event.name, event.detail) for _, event in lived.recordings()[0].topics["/events"]]
     assert [name for name, detail in recorded if detail == "heart"] == ["stream_lost", "stream_found"]
-    assert "the stream heart has vanished; the session goes on without it" in lived.problems
+    assert "the stream heart is lost; the session continues without it" in lived.problems
     seen = {tuple((each.name, each.present) for each in status.streams) for status in lived.received(Status)}
     assert {(("heart", False), ("own", True)), (("heart", True), ("own", True))} <= seen
 

@@ -198,7 +198,7 @@ def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., 
     session.run_until("questionnaire")
     session.answer(4, 4, 4, 4)
     session.run_until("paused")
-    assert "the robot has no room to begin" in session.problems[-1]
+    assert "the robot has no collision-free start" in session.problems[-1]
     assert "the person's right" in session.problems[-1]
     session.pose_rad = SEATED_RAD
     session.tick(300)

@@ -135,7 +135,7 @@ def test_where_a_policy_drives_nobody_else_does(tmp_path: Path) -> None:
     visit.send(Drive(engaged=True, linear=UP, angular=STILL))
     visit.tick(20)
     (problem,) = visit.received(Problem)
-    assert (problem.role, problem.message) == ("experimenter", "in this trial nobody drives by hand")
+    assert (problem.role, problem.message) == ("experimenter", "in this trial no operator drives the robot")
     assert visit.received(Status)[-1].operated is False
 
 

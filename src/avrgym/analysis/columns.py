@@ -8,8 +8,8 @@ from avrgym.study.export.codebook import TABLES
 from avrgym.system.columns import Column
 
 FROM_0, FROM_1, SHARE = "0 and above", "1 and above", "0 to 1"
-ABOUT_SESSIONS = "it is about whole sessions"
-NOT_TESTED = "nothing could be tested"
+ABOUT_SESSIONS = "the row is about whole sessions"
+NOT_TESTED = "no test was possible"
 _ANSWERS = TABLES["answers"]
 AttemptNumber = rows.AttemptNumber
 IsSimulated = rows.IsSimulated
@@ -36,13 +36,13 @@ Family = Annotated[str, Column("Family of tests that are corrected together.")]
 Quantity = Annotated[str, Column("The quantity; its name ends with its unit.")]
 GroupA = Annotated[str, Column("First group of the comparison.")]
 GroupB = Annotated[str, Column("Second group of the comparison.")]
-Zeros = Annotated[int, Column("Number of differences of zero, which are left out.", allowed=FROM_0)]
+Zeros = Annotated[int, Column("Number of zero differences, which the test omits.", allowed=FROM_0)]
 MedianA = Annotated[float | None, Column("Median of the first group.", empty="no values, or positions")]
 MedianB = Annotated[float | None, Column("Median of the second group.", empty="no values, or positions")]
 EffectSize = Annotated[
     float | None,
     Column(
-        "Rank-biserial correlation; of energy distances the share of the distance between the groups.",
+        "Rank-biserial correlation; for energy tests the normalised energy distance (0 to 1).",
         allowed="-1 to 1",
         empty="no differences",
     ),
@@ -65,13 +65,14 @@ PPrimary = Annotated[
     Column(
         "p after correction over all primary results of the study.",
         allowed=SHARE,
-        empty="no primary result, or nothing could be tested",
+        empty="not a primary result, or no test was possible",
     ),
 ]
 Stars = Annotated[
     str,
     Column(
-        "Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.", empty="0.05 or more, or no primary result"
+        "Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.",
+        empty="0.05 or more, or not a primary result",
     ),
 ]
 Role = Annotated[
@@ -86,6 +87,4 @@ PlanStatus = Annotated[
         empty="no plan was frozen before the first participant",
     ),
 ]
-Note = Annotated[
-    str, Column("Why nothing was tested or estimated, or what was left out.", empty="nothing to note")
-]
+Note = Annotated[str, Column("Reason for a missing test or estimate, or omitted values.", empty="no note")]

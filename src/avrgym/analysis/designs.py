@@ -68,7 +68,8 @@ def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
 
 DIFFERENCES_TITLE = "Differences between participants"
 DIFFERENCES_NOTICE = (
-    "Participants took part with different designs, or with another one than the study's folder contains. The section "
+    "Participants took part with designs that differ from each other, or from the design in the "
+    "study's folder. The section "
     "below lists each difference. Answers to different items are analysed separately; rewards, success and forces are "
     "taken together."
 )

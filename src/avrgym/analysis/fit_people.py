@@ -259,7 +259,9 @@ def _remarks(source: Source) -> str:
         lines.append(_small_sample_text(source.participants))
     for sex, count in (("man", source.men), ("woman", source.women)):
         if count < 2:
-            lines.append(f"Fewer than two participants have sex {sex!r}: torso heights are those of all.")
+            lines.append(
+                f"Fewer than two participants have sex {sex!r}: the range of torso heights is that of all participants."
+            )
     return "\n".join(lines)
 
 

@@ -164,7 +164,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
             ),
         ),
         (
-            f"Given an order of trials: {flow.allocated}",
+            f"Allocated to an order of trials: {flow.allocated}",
             _some(
                 {
                     f"withdrew{_reasons_text(flow.withdrawal_reasons)}": flow.withdrew,
@@ -175,7 +175,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
         ),
         (
             f"Completed the study: {flow.completed}",
-            _some({"without a trial or answer that counts": flow.completed_without_data}),
+            _some({"without a counted trial or answer": flow.completed_without_data}),
         ),
         (f"In the analysis: {flow.analysed}{unfinished}", []),
     ]

@@ -23,8 +23,8 @@ class LatencyRow:
         str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
     ]
     simulated: IsSimulated
-    stage: Annotated[str, Column("Stage from pose to picture; total_ms is the whole.")]
-    pictures: Annotated[int, Column("Number of tracking frames that a picture followed.", allowed=FROM_0)]
+    stage: Annotated[str, Column("Stage from pose to picture; total_ms is the total latency.")]
+    pictures: Annotated[int, Column("Number of tracking frames that a picture showed.", allowed=FROM_0)]
     p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=FROM_0)]
     p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=FROM_0)]
     p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=FROM_0)]

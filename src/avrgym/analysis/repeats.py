@@ -21,12 +21,12 @@ class RepeatRow:
     robot: RobotName
     policy: PolicyName
     trials: Annotated[
-        int, Column("Number of begun trials of the condition, without practice.", allowed=FROM_0)
+        int, Column("Number of started trials of the condition, without practice trials.", allowed=FROM_0)
     ]
     reason: Annotated[str, Column("Reason of the repeats.", allowed=", ".join(REASONS))]
-    cause: Annotated[str, Column("The cause in words.")]
+    cause: Annotated[str, Column("The cause as text.")]
     ordered_by: Annotated[
-        str, Column("The experimenter who ordered the repeats.", empty="no experimenter did")
+        str, Column("The experimenter who requested the repeats.", empty="no experimenter requested them")
     ]
     repeated: Annotated[int, Column("Number of trials repeated for this cause.", allowed=FROM_0)]
     replaced_attempts: Annotated[
@@ -71,8 +71,9 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
 
 
 REPEATS_METHOD = (
-    "Repeats: attempts, without practice, that a later attempt replaced. An experimenter orders a repeat by repeat, "
-    "skip, pause, stop, end or measure again. Exact tests compare ordered repeats between policies, between robots "
+    "Repeats: attempts, without practice, that a later attempt replaced. An experimenter requests a "
+    "repeat by the commands repeat, skip, pause, stop, end or measure again. Exact tests compare "
+    "requested repeats between policies, between robots "
     "with policies, and between first attempts with and without success, within participant and task. If repeats are "
     "independent of policy and outcome, the tests report a finding in at most 1 % of studies. Attempts that ended "
     "early are in the comparison of policies and in the limit, but not in the comparison of outcomes."
@@ -105,7 +106,7 @@ def _summary_text(rows: list[RepeatRow]) -> str:
     total = sum(row.replaced_attempts for row in rows)
     attempts = "1 attempt was" if total == 1 else f"{total} attempts were"
     words = f"{attempts} replaced by repeats: {_listed(reasons)}."
-    return f"{words} Ordered by: {_listed(people)}." if people else words
+    return f"{words} Requested by: {_listed(people)}." if people else words
 
 
 def _summed(rows: list[RepeatRow], key: Callable[[RepeatRow], str]) -> Counter[str]:

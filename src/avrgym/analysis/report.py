@@ -181,7 +181,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Trials completed": sum(row.state == "completed" for row in trials),
         "missing": sum(row.state != "completed" for row in trials),
         "in the analyses": sum(row.counted for row in trials),
-        "left out, tracking lost": sum(row.left_out is not None for row in trials),
+        "excluded, tracking lost": sum(row.left_out is not None for row in trials),
         "Attempts": sum(row.attempts for row in trials),
         "not completed": sum(row.attempts_not_completed for row in trials),
     }
@@ -202,7 +202,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     also = " or whose consent is unknown" if unknown else ""
     caption = f"Participants, including those who withdrew{also}, who are in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
-    listed = [tag("p", "Left out of the analyses:"), bullet_list(left_out)] if left_out else []
+    listed = [tag("p", "Excluded from the analyses:"), bullet_list(left_out)] if left_out else []
     shown = table(group_caption(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
     return join([definition_list(metrics), *listed, shown])
 

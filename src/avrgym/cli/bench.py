@@ -31,7 +31,7 @@ def bench_sim(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
     ] = None,
-    num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
+    num_envs: Annotated[int, typer.Option(help="Number of worlds that are stepped together.", min=1)] = 64,
     engine: Engine = THREADS,
     json_file: JsonFile = None,
 ) -> None:

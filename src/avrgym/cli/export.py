@@ -49,7 +49,7 @@ def export_scene(
     impairment: Impairment = "none",
     seed: Seed = 0,
     settings: SceneSettings = None,
-    usd: Annotated[bool, typer.Option("--usd", help="Also write it as USD.")] = False,
+    usd: Annotated[bool, typer.Option("--usd", help="Also write the scene as USD.")] = False,
 ) -> None:
     """Write a scene at the start of an episode for MuJoCo and other programs.
 

@@ -78,7 +78,7 @@ RECIPE_OF_OPTION = {
     "--alternate": PAIR,
     "--own-reward": PAIR,
 }
-"""Options that only one recipe accepts, with this recipe."""
+"""The recipe of each option that only one recipe accepts."""
 NEW_TRAINING_OPTIONS = (
     "--config",
     "--num-envs",
@@ -121,7 +121,7 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            help="Environment steps in all; by default 1 000 000, or the recipe's number. With --resume a larger "
+            help="Total environment steps; by default 1 000 000, or the recipe's number. With --resume a larger "
             "number continues a complete training.",
             min=1,
         ),
@@ -160,7 +160,8 @@ def train(
     imitation_share: Annotated[
         float | None,
         typer.Option(
-            help="With --recipe adaptive: the share of updates that imitate; PPO does the others. By default 0.25, at "
+            help="With --recipe adaptive: the share of imitation updates; the other updates are "
+            "PPO. By default 0.25, at "
             "least one update; 0 with --initial-policy.",
             min=0.0,
             max=1.0,
@@ -200,7 +201,7 @@ def train(
     jobs: Annotated[
         int | None,
         typer.Option(
-            help="Workers of the cluster; by default one per core and 64 worlds. Changes no weight.",
+            help="Workers of the cluster; by default one per core and 64 worlds. Does not change the weights.",
             min=1,
         ),
     ] = None,
@@ -401,7 +402,7 @@ def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: 
 
 def fit_people(
     study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
-    out: Annotated[Path, typer.Option(help="A new file of people.", metavar="FILE")] = Path("people.toml"),
+    out: Annotated[Path, typer.Option(help="A new people file.", metavar="FILE")] = Path("people.toml"),
 ) -> None:
     """Fit people to a study's participants.
 

@@ -52,7 +52,7 @@ Cluster = Annotated[
     typer.Option(
         "--cluster",
         help="Run on the workers of a Ray cluster: `local` starts one on this computer; or `auto`, HOST:PORT, "
-        "ray://HOST:PORT. Changes no result. Needs the extra `cluster`.",
+        "ray://HOST:PORT. Does not change results. Needs the extra `cluster`.",
         metavar="ADDRESS",
     ),
 ]

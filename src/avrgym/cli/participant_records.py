@@ -44,16 +44,20 @@ def record_adverse_event(
             help="recovered, recovering, 'not recovered', 'recovered with sequelae', fatal or unknown."
         ),
     ] = None,
-    action: Annotated[str | None, typer.Option(help="What was done about it.")] = None,
+    action: Annotated[str | None, typer.Option(help="The action that was taken.")] = None,
     trial: Annotated[int | None, typer.Option(help="The position of the trial in which it began.")] = None,
     began: Annotated[
         datetime | None, typer.Option(help="When it began, in this computer's time; default: now.")
     ] = None,
     follow_up: Annotated[
         int | None,
-        typer.Option("--follow-up", help="The number of the event that this follows up.", metavar="EVENT"),
+        typer.Option(
+            "--follow-up", help="For a follow-up: the number of the adverse event.", metavar="EVENT"
+        ),
     ] = None,
-    by: Annotated[str, typer.Option(help="Who records it; default: the account of this computer.")] = "",
+    by: Annotated[
+        str, typer.Option(help="The person who records the event; default: the account of this computer.")
+    ] = "",
 ) -> None:
     """Record an adverse event, or a follow-up of one.
 
@@ -155,7 +159,8 @@ def adverse_events(
 def retention(
     folder: Folder,
     delete: Annotated[
-        bool, typer.Option("--delete", help="Delete what is due. Without it nothing is deleted.")
+        bool,
+        typer.Option("--delete", help="Delete data that are due. Without this option nothing is deleted."),
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
@@ -185,7 +190,7 @@ def retention(
                 print_table(rows)
             else:
                 print_line(
-                    "No data are due on any day: set periods and ended_on in [retention] of study.toml."
+                    "No data have a retention period: set periods and ended_on in [retention] of study.toml."
                 )
             if not delete:
                 for words in describe_due(store, day):
@@ -219,7 +224,7 @@ def participant_data(
     else:
         where = "names are in the studies of the sites" if sites else "the identity file has none"
         print_line(f"{number} files in {out}, with free text and without name and contact: {where}.")
-    print_line("Read notes and descriptions for names of other people before you hand it over.")
+    print_line("Search notes and descriptions for names of other people before you hand over the archive.")
 
 
 def data_protection(folder: Folder) -> None:
@@ -314,7 +319,7 @@ def functioning(folder: Folder, participant: Pseudonym) -> None:
         print_line(texts.translate(DEVICES_QUESTION))
         for key, word in DEVICES.items():
             print_line(f"  {key}: {texts.translate(word)}")
-        devices = typer.prompt("numbers with commas between", default="", show_default=False)
+        devices = typer.prompt("numbers, separated by commas", default="", show_default=False)
         diagnosis = typer.prompt(texts.translate(DIAGNOSIS_QUESTION), default="", show_default=False)
         named = tuple(each.strip() for each in devices.split(",") if each.strip())
         record_functioning(store, participant, Functioning(levels, named, diagnosis))

@@ -29,15 +29,19 @@ RECORDINGS_HINT = "give one of the .mcap files that `avrgym serve` writes into S
 
 def replay(
     file: Annotated[Path, typer.Argument(help="The recording of an attempt, an .mcap file.", metavar="FILE")],
-    verify: Annotated[bool, typer.Option("--verify", help="Recompute it and compare every bit.")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Recompute the recording and compare every bit.")
+    ] = False,
     regions: Annotated[
-        bool, typer.Option("--regions", help="Recompute it and show the contact forces by body region.")
+        bool,
+        typer.Option("--regions", help="Recompute the recording and show the contact forces by body region."),
     ] = False,
     video: Annotated[
-        Path | None, typer.Option(help="Render it to a new .mp4 file.", metavar="OUT.mp4")
+        Path | None, typer.Option(help="Render the recording to a new .mp4 file.", metavar="OUT.mp4")
     ] = None,
     gif: Annotated[
-        Path | None, typer.Option(help="Render it to a new .gif file, for slides.", metavar="OUT.gif")
+        Path | None,
+        typer.Option(help="Render the recording to a new .gif file, for slides.", metavar="OUT.gif"),
     ] = None,
     frames: Annotated[
         int | None, typer.Option(help="Write this number of pictures side by side to --out.", min=1, max=20)
@@ -48,7 +52,8 @@ def replay(
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Write it as one HTML file that needs neither server nor network.", metavar="OUT.html"
+            help="Write the recording as one HTML file that needs neither server nor network.",
+            metavar="OUT.html",
         ),
     ] = None,
     compare: Annotated[
@@ -57,7 +62,7 @@ def replay(
     ] = None,
     mcap: Annotated[
         Path | None,
-        typer.Option(help="Export it for 3D display in Foxglove and Rerun.", metavar="OUT.mcap"),
+        typer.Option(help="Export the recording for 3D display in Foxglove and Rerun.", metavar="OUT.mcap"),
     ] = None,
     first_person: Annotated[
         bool, typer.Option("--first-person", help="Render videos and pictures from the participant's view.")

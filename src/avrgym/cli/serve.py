@@ -101,7 +101,8 @@ def serve(
         bool | None,
         typer.Option(
             "--force-guard/--no-force-guard",
-            help="Whether arms are kept from pressing too hard or coming too fast; they are unless a study says not.",
+            help="Whether a force guard limits contact force and approach speed of the arms; "
+            "default: on, except in studies that turn it off.",
             show_default=False,
         ),
     ] = None,
@@ -255,7 +256,7 @@ def _serve_study(
         _explain(server, "dashboard", server.urls(token=links.link) if links.link else server.pages())
         if links.link is None:
             print_line(
-                "Each session has a link of its own. Begin one on the dashboard, and enter its code on the headset."
+                "Each session has its own link. Start a session on the dashboard, and enter its code on the headset."
             )
         _wait(server)
 
@@ -350,7 +351,10 @@ def _tell_check(happened: "SessionEvent") -> None:
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
     """Print the addresses of all pages. ``participants`` contains the addresses of the participant's page."""
     own, *in_network = participants
-    print_line("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
+    print_line(
+        "Without a headset, or with one connected to this computer (SteamVR, Rift S): open this "
+        "address in Chrome on this computer"
+    )
     print_line(f"    {own}")
     print_line(
         "Headset on a USB cable (Quest, Pico): run this first, then open the same address in its browser"

@@ -31,7 +31,9 @@ JsonFile = Annotated[
 
 Jobs = Annotated[
     int | None,
-    typer.Option(help="Processes at the same time; without it one for each core. Changes no metric.", min=1),
+    typer.Option(
+        help="Number of processes; by default one for each core. Does not change the metrics.", min=1
+    ),
 ]
 
 

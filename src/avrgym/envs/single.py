@@ -52,10 +52,10 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 ):
     """One world.
 
-    ``info`` contains ``success`` (whether the episode has succeeded until now), ``reward_terms`` (unweighted) and
-    ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``, the number of
-    interventions in the episode. If the force guard or the withdrawal replaced the action, ``executed_action`` (J,) is
-    the action at the end of the step.
+    ``info`` contains ``success`` (whether the episode has succeeded until now), ``reward_terms`` (unweighted)
+    and ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``,
+    the number of interventions in the episode. If the force guard or the withdrawal replaced the action,
+    ``executed_action`` (A,) is the action at the end of the step.
     """
 
     metadata = METADATA
@@ -120,8 +120,8 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         The episode is truncated after ``max_episode_steps`` and never terminates. After an error, nothing has changed.
 
         Raises:
-            ValueError: for an action of another shape than (J,), or with numbers that are not finite.
-            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
+            ValueError: for an action of another shape than (A,), or with numbers that are not finite.
+                gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
         """
         if not self._steps_left:
             raise ResetNeeded(

@@ -154,9 +154,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         After an error, nothing has changed.
 
         Raises:
-            ValueError: for actions of another shape than (N, J), or with numbers that are not finite.
-            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode without automatic
-            reset.
+            ValueError: for actions of another shape than (N, A), or with numbers that are not finite.
+                gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode without
+                automatic reset.
         """
         self._check_running()
         same_step, ended = self.autoreset_mode is AutoresetMode.SAME_STEP, self._ended

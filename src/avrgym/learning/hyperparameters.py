@@ -30,10 +30,11 @@ class Hyperparameters:
     batch_size: Annotated[int, Meta(ge=2, description="control steps in a minibatch of PPO")] = 320
     n_epochs: Annotated[int, Meta(ge=1, description="passes of PPO over the steps of an update")] = 10
     learning_rate: Annotated[
-        float, Meta(gt=0.0, description="of PPO at its start; falls linearly to a hundredth")
+        float,
+        Meta(gt=0.0, description="learning rate of PPO at its start; decreases linearly to a hundredth"),
     ] = 3e-4
     gamma: Annotated[Share, Meta(description="discount factor per control step")] = 0.99
-    gae_lambda: Annotated[Share, Meta(description="of generalised advantage estimation")] = 0.95
+    gae_lambda: Annotated[Share, Meta(description="λ of generalised advantage estimation")] = 0.95
     clip_range: Annotated[
         float, Meta(gt=0.0, description="limit of the change of an action's probability in PPO, as a share")
     ] = 0.2
@@ -138,8 +139,9 @@ class Imitation:
     actions over the demonstrations of all rounds."""
 
     expert_share: float = 0.8
-    """Factor of the share of worlds that the expert drives, per round. In the first round the expert drives all
-    worlds."""
+    """Share of worlds that the expert drives, relative to the previous round. In the first round the expert
+    drives all worlds.
+    """
     batch_size: int = 1024
     n_epochs: int = 10
     last_n_epochs: int = 100

@@ -26,7 +26,9 @@ DEMONSTRATIONS_FOLDER = "shown"
 
 @dataclass(frozen=True)
 class Demonstration:
-    """Observations (S, O) and the expert's actions (S, J) of a round, or both as (T, N, ...); single precision."""
+    """Observations (S, O) and the expert's actions (S, A) of a round, or both as (T, N, ...); single
+    precision.
+    """
 
     observations: Float32Array
     actions: Float32Array

@@ -23,7 +23,7 @@ LOG_FOLDER = "tensorboard"
 PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
 """Function that improves a model with whole episodes. Only the time limit ends an episode.
 
-Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, J) and scaled rewards (T, N).
+Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) and scaled rewards (T, N).
 """
 
 

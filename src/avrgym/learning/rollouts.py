@@ -86,11 +86,12 @@ class RolloutRequest:
 class Rollout:
     """Whole episodes of T steps in n worlds. The first axis of arrays is time, the second axis is the world.
 
-    ``observations`` (T + 1, n, O) are not normalised; the last observation is the one after the last step. ``actions``
-    (T, n, J) are the policy's actions before clipping, or the expert's. ``rewards`` (T, n) contain the request's
-    penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None`` without an expert. If the worlds are
-    on a device, these arrays are tensors. The results per episode (n,) are always on the host: ``episode_return`` (the
-    sum of the task's rewards without penalties), ``success`` and ``episode_force_n`` (the mean force on the person).
+    ``observations`` (T + 1, n, O) are not normalised; the last observation is the one after the last step.
+    ``actions`` (T, n, A) are the policy's actions before clipping, or the expert's. ``rewards`` (T, n)
+    contain the request's penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None``
+    without an expert. If the worlds are on a device, these arrays are tensors. The results per episode (n,)
+    are always on the host: ``episode_return`` (the sum of the task's rewards without penalties), ``success``
+    and ``episode_force_n`` (the mean force on the person).
     """
 
     observations: Any
@@ -234,7 +235,7 @@ class _Agent:
         self.observations.append(self._xp.astype(observation, self._xp.float32))
 
     def act(self, number: int) -> Any:
-        """Returns the actions (n, J) in step ``number``, before clipping."""
+        """Returns the actions (n, A) in step ``number``, before clipping."""
         mean = self._actor.mean(self.observations[-1])
         self.actions.append(self._xp.astype(mean + self._noise[number], self._xp.float32))
         return self.actions[-1]
@@ -249,7 +250,7 @@ class _Agent:
 
 
 def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> FloatArray:
-    """Returns standard normal exploration noise (T, n, J). Each world has its own random stream."""
+    """Returns standard normal exploration noise (T, n, A). Each world has its own random stream."""
     length = request.settings.episode_steps
     shape = (length, policy.action_size)
     count = len(request.episode_seeds)

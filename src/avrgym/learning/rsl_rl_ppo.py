@@ -35,7 +35,7 @@ class _Libraries(NamedTuple):
 
 
 def libraries() -> _Libraries:
-    """Import and return RSL-RL's modules.
+    """Import RSL-RL's modules and return them.
 
     Raises:
         RuntimeError: if the extra ``gpu`` is not installed.

@@ -53,8 +53,9 @@ class VisualNetwork(nn.Module):
         return self.dense[2](relu(self.dense[1](joined)))
 
     def actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
-        """Returns the teacher's mean actions (N, J). In its input ``rows`` (N, O), the estimates replace the estimated
-        entries."""
+        """Returns the teacher's mean actions (N, A). In its input ``rows`` (N, O), the estimates replace the
+        estimated entries.
+        """
         filled = rows.clone()
         filled[:, self._estimated] = estimates.clamp(-self._clip, self._clip)
         for weight, bias in self._teacher[:-1]:

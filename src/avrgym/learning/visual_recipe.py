@@ -42,7 +42,7 @@ MEASURED = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
 
 @dataclass(frozen=True)
 class VisualDemonstration(Demonstration):
-    """Observations (S, O), the teacher's mean actions (S, J) and images (S, H, W, C) in half precision."""
+    """Observations (S, O), the teacher's mean actions (S, A) and images (S, H, W, C) in half precision."""
 
     images: NumpyArray
 

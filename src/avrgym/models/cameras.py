@@ -99,11 +99,11 @@ AnyCamera = CameraSpec | str | Mapping[str, Any]
 
 
 def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
-    """The cameras of a robot's scene.
+    """Returns the cameras of a robot's scene.
 
     Raises:
-        ValueError: for a camera that the robot does not have, two cameras with the same name, or an invalid field. The
-            message contains what is allowed.
+        ValueError: for a camera that the robot does not have, two cameras with the same name, or an invalid
+            field. The message lists the allowed values.
     """
     if isinstance(cameras, str | CameraSpec | Mapping):
         raise ValueError(f"cameras is {cameras!r}; allowed: a list, such as ['wrist']")
@@ -114,7 +114,7 @@ def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[
             raise ValueError(f"unknown camera {each.name!r}; {scene_robot.name} has {', '.join(allowed)}")
     names = [each.name for each in found]
     if len({*names}) < len(names):
-        raise ValueError(f"cameras are {', '.join(names)}; allowed: each once, with all its kinds")
+        raise ValueError(f"cameras are {', '.join(names)}; allowed: each camera once, with all its kinds")
     return found
 
 
@@ -133,7 +133,7 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
 
 
 def camera_from_text(text: str) -> CameraSpec:
-    """A camera from a text with its name, size and kinds, such as ``wrist:128x96:rgb+depth``.
+    """Returns the camera that a text describes: name, size and kinds, such as ``wrist:128x96:rgb+depth``.
 
     Raises:
         ValueError: for a text without this form.
@@ -152,7 +152,7 @@ def camera_from_text(text: str) -> CameraSpec:
 def image_entries(
     cameras: Iterable[CameraSpec],
 ) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
-    """Returns shape, type and largest value of each image of the given cameras, by the name of the image's entry."""
+    """Returns shape, type and largest value of each image of these cameras, by the name of the image's entry."""
     return {name: entry for camera in cameras for name, entry in camera.entries().items()}
 
 

@@ -19,7 +19,7 @@ _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
 _GRIP_HEIGHT_M = 0.05
 """Height of the robot's hand above the cup's foot."""
 _FREE_BELOW_RIM_M = 0.02
-"""Least height of the rim above the water."""
+"""Minimum height of the rim above the water."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def cup(name: str = "cup", particles: int = len(WATER.start)) -> Tool:
     """Returns a cup with the shape ``name`` and ``particles`` particles of water.
 
     Raises:
-        ValueError: for an unknown shape, and for more particles than the cup has room for.
+        ValueError: for an unknown shape, and for more particles than fit into the cup.
     """
     if name not in SHAPES:
         raise ValueError(f"tool is {name!r}; the cups are {', '.join(SHAPES)}")

@@ -228,7 +228,7 @@ def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad:
     """
     heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.on_floor]
     if not heights_m:
-        raise ValueError(f"{robot.name} does not stand on the floor; allowed: a robot that does")
+        raise ValueError(f"{robot.name} does not stand on the floor; allowed: a robot on the floor")
     positions = {
         joint: float(value)
         for arm in robot.arms.values()

@@ -38,7 +38,7 @@ def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
     If the layer is not full, the pieces are in the middle.
 
     Raises:
-        ValueError: for an unknown size, and for more pieces than the spoon has room for.
+        ValueError: for an unknown size, and for more pieces than fit on the spoon.
     """
     if size not in SIZES:
         raise ValueError(f"tool is {size!r}; the spoons are {', '.join(SIZES)}")

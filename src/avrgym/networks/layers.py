@@ -41,8 +41,9 @@ class Memory:
         return self.hidden_weight.shape[0]
 
     def after(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
-        """Returns the next hidden state (N, U) for inputs ``rows`` (N, inputs) and the previous state ``memory`` (N,
-        U). Values are in [-1, 1]."""
+        """Returns the next hidden state (N, U), from inputs ``rows`` (N, inputs) and the previous state
+        ``memory`` (N, U). Values are in [-1, 1].
+        """
         inputs = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
         hidden = np.split(product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
         reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))

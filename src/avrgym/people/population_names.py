@@ -10,7 +10,7 @@ TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO = "zoo/train", "zoo/unseen", "zoo/extreme"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, ANTHROPOMETRIC, TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO)
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join(STYLES)}), one of these with @1 for the motion of version 1, a file of people, a trained human, or a "
+    f"({', '.join(STYLES)}), one of these with @1 for the motion of version 1, a people file, a trained human, or a "
     "folder of those"
 )
 """The allowed values of ``people``, for help and error messages."""

@@ -40,7 +40,7 @@ GODSPEED = Instrument(
         "Bartneck, Kulić, Croft and Zoghbi (2009), Measurement instruments for the anthropomorphism, animacy, "
         "likeability, perceived intelligence, and perceived safety of robots, doi:10.1007/s12369-008-0001-3"
     ),
-    licence="pairs of adjectives, which nobody owns; the questions are worded by AVR Gym",
+    licence="pairs of adjectives, which have no copyright; AVR Gym wrote the questions",
     response=Response(points=5, lowest=1),
     items=tuple(_between(scale, *pair) for scale, pairs in OPPOSITES.items() for pair in pairs),
     scales=tuple(

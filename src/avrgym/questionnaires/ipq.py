@@ -14,7 +14,7 @@ IPQ = Instrument(
         "Schubert, Friedmann and Regenbrecht (2001), The experience of presence: factor analytic insights, "
         "doi:10.1162/105474601300343603"
     ),
-    licence="none is stated with its items; AVR Gym does not include their words",
+    licence="the source states none; AVR Gym does not include the item texts",
     texts="https://www.igroup.org/pq/ipq/",
     response=Response(points=7, lowest=0),
     items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),

@@ -12,7 +12,7 @@ JIAN_TRUST = Instrument(
         "systems, doi:10.1207/S15327566IJCE0401_04"
     ),
     licence="the publisher's; AVR Gym does not include the statements",
-    texts="the article, whose twelve statements are numbered as here",
+    texts="the article, which numbers its twelve statements in this order",
     response=Response(points=7, lowest=1),
     items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
     scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),

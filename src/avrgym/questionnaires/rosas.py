@@ -15,7 +15,7 @@ ROSAS = Instrument(
         "Carpinella, Wyman, Perez and Stroessner (2017), The Robotic Social Attributes Scale (RoSAS), "
         "doi:10.1145/2909824.3020208"
     ),
-    licence="single adjectives, which nobody owns; the question is worded by AVR Gym",
+    licence="single adjectives, which have no copyright; AVR Gym wrote the question",
     response=Response(points=9, lowest=1),
     items=tuple(
         InstrumentItem(

@@ -48,7 +48,7 @@ SSQ = Instrument(
         "Kennedy, Lane, Berbaum and Lilienthal (1993), Simulator Sickness Questionnaire, "
         "doi:10.1207/s15327108ijap0303_3"
     ),
-    licence="names of symptoms and of their severity, which nobody owns",
+    licence="names of symptoms and of their severity, which have no copyright",
     response=Response(points=4, lowest=0),
     items=tuple(
         InstrumentItem(f"ssq_{name}", text, SEVERITIES[0], SEVERITIES[-1], SEVERITIES)

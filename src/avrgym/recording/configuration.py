@@ -105,7 +105,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     trial: Annotated[int, Meta(description="Number of the trial in the session, from 1.")]
     attempt: Annotated[int, Meta(description="Number of the attempt at the trial, from 1.")]
     steps: Annotated[int, Meta(description="Planned number of control steps.")]
-    simulated: Annotated[bool, Meta(description="Whether a program took the participant's place.")]
+    simulated: Annotated[bool, Meta(description="Whether the participant is simulated.")]
     person: BodyModel
     start_rad: Annotated[
         tuple[float, ...],

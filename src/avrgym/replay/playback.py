@@ -145,7 +145,7 @@ class Playback:
         return self._step
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the recorded action (1, J) of the current control step."""
+        """Returns the recorded action (1, A) of the current control step."""
         if self._action is None:
             raise ReplayError(
                 f"the recording contains no commands to the robot: {version_text(self.recording)}"
@@ -154,7 +154,9 @@ class Playback:
         return self._action
 
     def update_action(self) -> FloatArray | None:
-        """Returns the action (1, J) of a command that was recorded within the control step; ``None`` without one."""
+        """Returns the action (1, A) of a command that was recorded within the control step; ``None`` without
+        one.
+        """
         return self.act(np.zeros(0)) if self._action_is_new else None
 
     def _apply_event(self, event: Event) -> None:

@@ -37,7 +37,7 @@ class Withdrawal(PerWorldState):
         self._away: BoolArray = np.zeros(count, dtype=bool)
         self._awaits_event: BoolArray = np.zeros(count, dtype=bool)
         self._actions: FloatArray | None = None
-        """The withdrawal's actions (N, J) for the coming control step; ``None`` until they are computed."""
+        """The withdrawal's actions (N, A) for the coming control step; ``None`` until they are computed."""
 
     def reset(self, ids: IntArray) -> None:
         """Start episodes in worlds ``ids`` (n,)."""
@@ -68,8 +68,9 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) for the next control step: the withdrawal's actions in the worlds that it drives,
-        elsewhere the commands."""
+        """Returns the actions (N, A) for the next control step: the withdrawal's actions in the worlds that
+        it drives, elsewhere the commands.
+        """
         if not self.driving.any():
             return commanded
         if self._actions is None:
@@ -79,7 +80,7 @@ class Withdrawal(PerWorldState):
         return np.where(self.driving[:, None], self._actions, commanded)
 
     def _action(self, world: int) -> FloatArray | float:
-        """The action (J,) of a world's arm; zero when its tool is far enough away."""
+        """The action (A,) of a world's robot; zero when its tool is far enough away."""
         action = self._retreat(world).action()
         if action is None:
             self._away[world] = True

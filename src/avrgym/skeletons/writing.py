@@ -55,7 +55,8 @@ def check_name(kind: Kind, name: str) -> None:
     """Raise ``ValueError`` for a name that a package of this kind cannot have."""
     if not NAME.fullmatch(name) or not name.isascii():
         raise ValueError(
-            f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and digits, as LiftArm"
+            f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and "
+            f"digits, such as LiftArm"
         )
     if (distribution(name) if kind == "controller" else name) in _taken(kind):
         raise ValueError(f"there is already a {kind} {name}; allowed: another name")

@@ -206,7 +206,7 @@ def sampled_sign_flips() -> Generator:
 
 
 def sampled_arm_poses() -> Generator:
-    """Random poses of an arm, used to find the pairs of links that can collide."""
+    """Random poses of an arm, for the search of links that can collide."""
     return default_rng(0)
 
 

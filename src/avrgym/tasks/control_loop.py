@@ -48,8 +48,8 @@ class Step:
 class ControlStep:
     """A control step of the first world, taken in ticks.
 
-    ``observation`` (O,) is from the start of the step, ``action`` (J,) from its end. ``withdrawing``: whether the
-    withdrawal drove the robot.
+    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether
+    the withdrawal drove the robot.
     """
 
     observation: FloatArray
@@ -62,12 +62,13 @@ class ActionSource(Protocol):
     """Source of commands in each tick: a policy, an operator or a recording."""
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) at the start of a control step, given observations (N, O)."""
+        """Returns the actions (N, A) at the start of a control step, given observations (N, O)."""
         ...
 
     def update_action(self) -> FloatArray | None:
-        """Returns new actions (N, J) at a later tick of the control step, or ``None`` to continue with the present
-        actions."""
+        """Returns new actions (N, A) at a later tick of the control step, or ``None`` to continue with the
+        present actions.
+        """
         ...
 
 
@@ -170,7 +171,7 @@ class ControlLoop:
         return actions if self.pacing is None else self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, J). In worlds that the withdrawal drives, they are the withdrawal's actions."""
+        """Returns actions (N, A). In worlds that the withdrawal drives, they are the withdrawal's actions."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
@@ -184,7 +185,7 @@ class ControlLoop:
         )
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, J). A recorder receives the forces of each physics step.
+        """Take one control step with actions (N, A). A recorder receives the forces of each physics step.
 
         Raises:
             ValueError: for actions that ``Episodes.checked`` rejects. The worlds do not change then.
@@ -205,7 +206,7 @@ class ControlLoop:
         return self._finish()
 
     def _execute(self, actions: FloatArray) -> None:
-        """Start a control step with actions (N, J), which the guard may override."""
+        """Start a control step with actions (N, A), which the guard may override."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
         self._episodes.command(self._executed)
 
@@ -255,7 +256,7 @@ class ControlLoop:
         return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
     def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
-        """Advance by 10 ms outside of control steps, with new actions (N, J) if given."""
+        """Advance by 10 ms outside of control steps, with new actions (N, A) if given."""
         self.applied_action = None
         if actions is not None:
             self._executed = actions

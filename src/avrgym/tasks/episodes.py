@@ -78,7 +78,7 @@ class Episodes:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human or a
+            people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a
                 folder of trained humans.
             person: one fixed person for every episode, instead of ``people``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
@@ -184,7 +184,7 @@ class Episodes:
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns arguments and state. A copy continues bit-identically; it reads a file of people again."""
+        """Returns arguments and state. A copy continues bit-identically; it reads a people file again."""
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
@@ -231,7 +231,7 @@ class Episodes:
             conflicts, far = self._conflicts(invalid), invalid[self._missed_m[invalid] > REACHED_M]
             for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
                 raise NoClearanceError(
-                    f"{self.environment_id}: with {self.settings} the arm does not reach the place of the tool in "
+                    f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
                     f"{MAX_REACH_DRAWS} initial states; {self._missed_m[world]:.2f} m are missing in the last one"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
@@ -317,7 +317,7 @@ class Episodes:
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, J), see ``ControlLoop.step``.
+        """Take one control step with actions (N, A), see ``ControlLoop.step``.
 
         Raises:
             ValueError: for actions that ``checked`` rejects. The worlds do not change then.
@@ -325,7 +325,7 @@ class Episodes:
         return self.loop.step(actions, recorder)
 
     def checked(self, actions: FloatArray) -> FloatArray:
-        """Check actions (N, J) and return them as an array.
+        """Check actions (N, A) and return them as an array.
 
         On a device, actions must be tensors on this device in single precision. ``check`` reports numbers that are not
         finite.
@@ -338,7 +338,7 @@ class Episodes:
         return checked_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
-        """Command the robots with checked actions (N, J), and people who move once in a control step or in 0.1 s."""
+        """Command the robots with checked actions (N, A), and people who move once in a control step or in 0.1 s."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.human_observation()))
@@ -381,7 +381,8 @@ class Episodes:
         self._people.command(action)
 
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
-        """Evaluate the control step that ends now, given its actions (N, J). Remove particles that left the task.
+        """Evaluate the control step that ends now, given its actions (N, A). Remove particles that left the
+        task.
 
         Rewards and their terms become 0 in the worlds of the mask ``unrewarded`` (N,).
         """

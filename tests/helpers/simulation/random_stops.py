@@ -100,7 +100,7 @@ def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], FloatArray]:
-    """Return a function that returns the next actions (N, J); worlds alternate between ``MOTIONS``."""
+    """Return a function that returns the next actions (N, A); worlds alternate between ``MOTIONS``."""
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(MOTIONS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, episodes.action_size)))

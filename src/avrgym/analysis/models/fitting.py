@@ -40,7 +40,11 @@ def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[li
             if len(values) == 1 and values <= ends:
                 kept = [each for each in kept if of(each) != group]
                 left_out.append(group)
-    words = f"left out, as all their values are at the same end: {', '.join(left_out)}" if left_out else ""
+    words = (
+        f"left out, because all their values are at the same end of the scale: {', '.join(left_out)}"
+        if left_out
+        else ""
+    )
     return kept, words
 
 
@@ -63,7 +67,8 @@ def estimate_effects(
     observed, _ = drop_constant_groups(model, observed)
     if not observed:
         return dict.fromkeys(
-            requested_effects, FitError("each task, or each robot, has all its values at one end")
+            requested_effects,
+            FitError("each task, or each robot, has all its values at one end of the scale"),
         )
     try:
         names = design_matrix(design, observed)

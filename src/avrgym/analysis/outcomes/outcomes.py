@@ -98,7 +98,7 @@ class SimulationResult:
         Column("Upper bound of its 95 % confidence interval.", allowed=SHARE, empty=_NOT_SIMULATED),
     ] = None
     simulation_note: Annotated[
-        str, Column("Why there is no evaluation, or how it differs.", empty="nothing to note")
+        str, Column("Why there is no evaluation, or how its conditions differ.", empty="nothing to note")
     ] = ""
 
 
@@ -185,14 +185,14 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
     try:
         source = store.policy_source(environment, policy)
         if not source.endswith(FILE_SUFFIX) and source not in packaged_policies(environment):
-            return SimulationResult(simulation_note=f"{policy} is not a policy file with measurements")
+            return SimulationResult(simulation_note=f"{policy} is not a policy file with results")
         metadata = Policy.load(find_policy(source, environment)).metadata
     except PolicyError as error:
         return SimulationResult(simulation_note=str(error))
     numbers = ("episodes", "success_rate", "reward_mean", "reward_std")
     if any(name not in metadata.measured for name in numbers):
         return SimulationResult(
-            simulation_population=metadata.people, simulation_note="the policy's file has no measurements"
+            simulation_population=metadata.people, simulation_note="the policy file contains no results"
         )
     episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
     return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
@@ -202,7 +202,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
     """Returns the success rate over all tasks, if all were evaluated. Rewards of different tasks are not comparable."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
-        return SimulationResult(simulation_note="not every task was measured in simulation")
+        return SimulationResult(simulation_note="not every task was evaluated in simulation")
     episodes = sum(number or 0 for _, number in rates)
     successes = round(sum((rate or 0.0) * (number or 0) for rate, number in rates))
     low, high = wilson_interval(successes, episodes)

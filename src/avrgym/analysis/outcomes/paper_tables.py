@@ -68,7 +68,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
             }
             where = "in simulation and in virtual reality"
             if len(columns) == len(design.robots):
-                where = "in virtual reality; it was not measured in simulation"
+                where = "in virtual reality; it was not evaluated in simulation"
             caption = f"Mean reward (success) of {policy} {where}"
             cells = _cells(design, own, columns.values())
             name = f"paper_table_1_{policy}".replace("/", "_")

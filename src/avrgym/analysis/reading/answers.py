@@ -61,7 +61,8 @@ class ParticipantAnswers:
                     simulated=self._participant.simulated,
                     where=self._participant.pseudonym,
                     what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
-                    consequence="for each item the latest answer after sessions counts, and the latest before that",
+                    consequence="for each item the latest answer after a session counts, and the "
+                    "latest answer before that session",
                 )
 
 

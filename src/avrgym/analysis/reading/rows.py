@@ -34,8 +34,10 @@ _ANSWERS, _SCORES = TABLES["answers"], TABLES["scores"]
 State = Annotated[str, _PARTICIPANTS["state"]]
 Sex = Annotated[str, _PARTICIPANTS["sex"]]
 Attempts = Annotated[int, Column("Number of attempts.", allowed=FROM_0)]
-AttemptsNotCompleted = Annotated[int, Column("Number of attempts that did not complete it.", allowed=FROM_0)]
-Counted = Annotated[bool, Column("Whether it is in the analyses.")]
+AttemptsNotCompleted = Annotated[
+    int, Column("Number of attempts that did not complete their trial.", allowed=FROM_0)
+]
+Counted = Annotated[bool, Column("Whether the analyses include it.")]
 TorsoHeight = Annotated[
     float | None,
     Column("Calibrated torso height, from hip bone to centre of the head.", unit="m", empty=NO_RECORDING),
@@ -116,7 +118,10 @@ class TrialRow(ParticipantColumns):
     counted: Counted
     left_out: Annotated[
         str | None,
-        Column("Why a completed trial is not in the analyses.", empty="it is, or is not completed"),
+        Column(
+            "Why a completed trial is not in the analyses.",
+            empty="the trial is in the analyses, or is not completed",
+        ),
     ] = None
     tracking_loss_share: Annotated[
         float | None,
@@ -249,7 +254,9 @@ class TermRow(ParticipantColumns):
 class ProblemRow:
     """A problem in the data of a study, and its consequence for the analysis."""
 
-    simulated: Annotated[bool | None, replace(_ATTEMPTS["simulated"], empty="it is about the whole study")]
+    simulated: Annotated[
+        bool | None, replace(_ATTEMPTS["simulated"], empty="the problem concerns the whole study")
+    ]
     where: Annotated[str, Column("Recording, participant or file with the problem.")]
     what: Annotated[str, Column("The problem.")]
     consequence: Annotated[str, Column("Its consequence for the analysis.")]

@@ -96,7 +96,7 @@ class Question:
 class Comparison:
     """Comparison of a quantity between groups ``a`` and ``b``.
 
-    ``found``: the test result. ``participants``: number of participants. ``differences``: difference of each
+    ``result``: the test result. ``participants``: number of participants. ``differences``: difference of each
     participant in a paired test by participant; empty for other tests.
     """
 
@@ -178,8 +178,8 @@ def compare_policies(
 ) -> Comparison:
     """Compare the second policy with the first policy by a signed-rank test.
 
-    ``given``: values with the first policy, and values with the second policy, by key. The first element of a key is
-    the participant.
+    ``values``: with the first policy, and with the second policy, by key. The first element of a key is the
+    participant.
     """
     first, second = policies
     a, b = given

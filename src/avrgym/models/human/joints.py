@@ -73,7 +73,7 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
 
 
 def joint_angles(**degrees: float) -> FloatArray:
-    """The seated pose (20,) in radians, elbows at −90°, with the named joints set in degrees.
+    """Returns the seated pose (20,) in radians. Keyword arguments replace the angles of joints, in degrees.
 
     Raises:
         ValueError: for an unknown joint name.

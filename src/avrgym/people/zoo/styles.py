@@ -40,28 +40,31 @@ USUAL_SPEED: Ranges = {"speed_share": (0.82, 1.18)}
 STYLES: Mapping[str, Style] = {
     "still": Style(
         "keep their initial pose, except for sway",
-        "our assumption, as of participants",
+        "our assumption, as for participants",
         amplitude={"sway_deg": (0.2, 0.6)},
         tempo={"sway_hz": (0.08, 0.33)},
     ),
     "cooperating": Style(
         "face the tool, and bring mouth or arm to it when it is near",
-        "delay: Woods et al. 2015; the rest our assumption, as of participants",
+        "delay: Woods et al. 2015; the rest our assumption, as for participants",
         delay=SIMPLE_REACTION,
         amplitude=APPROACH | SWAY,
         tempo=USUAL_SPEED | SWAY_RATE,
     ),
     "hesitant": Style(
         "wait before they come to the tool, stop half-way, and come slowly",
-        "halting reaches of people who meet another's: Moon et al., IROS 2011; the times are our assumption",
+        "hesitant reaches of people who meet another person's hand: Moon et al., IROS 2011; the "
+        "times are our assumption",
         delay={"reaction_s": (0.3, 0.6), "pause_s": (0.8, 2.4)},
         amplitude={"facing_share": (0.2, 0.6), "approach_share": (0.3, 0.9)} | SWAY,
         tempo={"speed_share": (0.4, 0.8)} | SWAY_RATE,
     ),
     "startled": Style(
         "start when the tool comes close, withdraw, and get used to it: half as far each time",
-        "first the neck, and less each time: Brown et al., Brain 114:1891, 1991; involuntary motion near robots: "
-        "Kirschner et al., RA-L 7(2), 2022; delay between startle and Woods et al. 2015; the angles are our assumption",
+        "the neck moves first, and the response decreases with repetition: Brown et al., Brain "
+        "114:1891, 1991; involuntary motion near robots: "
+        "Kirschner et al., RA-L 7(2), 2022; delay between that of a startle and that of Woods et "
+        "al. 2015; the angles are our assumption",
         delay={"reaction_s": (0.14, 0.28)},
         amplitude={"startle_deg": (8.0, 18.0), "startle_m": (0.14, 0.28), "approach_share": (0.2, 0.6)}
         | SWAY,
@@ -108,7 +111,7 @@ STYLES: Mapping[str, Style] = {
     ),
     "trembling": Style(
         "cooperate while head and arms tremble at 5 Hz",
-        "4 to 12 Hz: Bhatia et al., Mov. Disord. 33:75, 2018; amplitudes within where Assistive Gym sends joints, 20°",
+        "4 to 12 Hz: Bhatia et al., Mov. Disord. 33:75, 2018; amplitudes below the joint targets of Assistive Gym, 20°",
         delay=SIMPLE_REACTION,
         amplitude={"tremor_deg": (2.0, 8.0)} | APPROACH | SWAY,
         tempo=SLOW | SWAY_RATE,
@@ -122,7 +125,7 @@ STYLES: Mapping[str, Style] = {
         tempo={"speed_share": (0.4, 0.7)} | SWAY_RATE,
     ),
     "limited": Style(
-        "cooperate with joints that do not turn as far",
+        "cooperate with reduced joint ranges",
         "ranges within those of Assistive Gym",
         delay=SIMPLE_REACTION,
         amplitude={"range_share": (0.5, 0.9)} | APPROACH | SWAY,

@@ -226,7 +226,7 @@ def _check_recording(
         yield Finding(attempt.recording, f"does not load: {error}", is_error=attempt.state == "completed")
         return
     if attempt.state == "completed" and not recording.complete:
-        yield Finding(attempt.recording, "is not complete though its trial is")
+        yield Finding(attempt.recording, "is incomplete, but its trial is completed")
     if attempt.state == "completed" and _common_metrics(recording.metrics) != _common_metrics(
         attempt.metrics
     ):

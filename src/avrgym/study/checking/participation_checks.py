@@ -61,7 +61,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
         detail = listed.without_participant[0]["detail"]
         why = f" and {detail}" if detail else ""
         yield Finding(
-            FILE, f"was begun at {listed.begun_at} with what the database contained{why}", is_error=False
+            FILE, f"was started at {listed.begun_at} with the contents of the database{why}", is_error=False
         )
 
 
@@ -94,7 +94,7 @@ def list_error(store: Store, listed: Participation | None, beginnings: Mapping[i
     if not listed.is_signed_by_user():
         return f"is not signed with this user's key ({user_data_folder() / signing.KEY})"
     if not store.database.is_sqlite:
-        return "may lack what other stations stored in PostgreSQL"
+        return "may lack entries of other stations, which stored them in PostgreSQL"
     return next(_faults(store, listed, beginnings), "")
 
 

@@ -51,7 +51,7 @@ def _findings_of_plugin(label: str, trials: list[RecordedPlugin]) -> Iterator[Fi
     present = trials[0].present
     if present not in by_content:
         recorded = " and ".join(by_content)
-        yield Finding(label, f"is {present} now, as in no trial; it was {recorded}", is_error=False)
+        yield Finding(label, f"is {present} now, which no trial used; it was {recorded}", is_error=False)
 
 
 def _trials_text(trials: Iterable[RecordedPlugin]) -> str:

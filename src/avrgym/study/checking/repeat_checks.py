@@ -128,7 +128,7 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
-    """A finding if experimenters repeated finished first attempts depending on their outcome."""
+    """A finding if repeats of finished first attempts depend on the outcome."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _is_first_repeated)
     if p > OUTCOME_ALPHA:

@@ -27,7 +27,7 @@ BY_STATE: Mapping[str, Cause] = {
 BY_EVENT: Mapping[str, Cause] = {
     "tracking timed out": (TECHNICAL, "tracking lost"),
     "visibility lost": (TECHNICAL, "scene not visible"),
-    "time lost": (TECHNICAL, "computer stood still"),
+    "time lost": (TECHNICAL, "computer was suspended"),
     "connection lost": (TECHNICAL, "network"),
     "torso height corrected": (EXPERIMENTER, "torso height corrected"),
 }

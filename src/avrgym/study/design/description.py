@@ -21,9 +21,9 @@ def _settings(design: Design) -> str:
 def describe_blinding(design: Design) -> str:
     """Sentences about the blinding of participants and experimenter."""
     experimenter = (
-        "The experimenter does not know it either and sees a letter for each policy."
+        "The experimenter does not know the policy either, and sees a letter for each policy."
         if design.blind_experimenter
-        else "The experimenter knows it."
+        else "The experimenter knows the policy."
     )
     return f"Participants do not know the policy of a trial. {experimenter}"
 

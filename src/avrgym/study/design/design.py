@@ -228,7 +228,7 @@ def _check(design: Design, folder: Path) -> None:
             drawn = [name for name in DRAWN_SETTINGS if name in design.settings.changed]
             if drawn:
                 raise ValidationError(
-                    ("settings", drawn[0]), "participants have their own bodies; allowed: leave it out"
+                    ("settings", drawn[0]), "participants have their own bodies; allowed: no such setting"
                 )
             try:
                 task_and_scene(environment_id(task, robot), design.settings)

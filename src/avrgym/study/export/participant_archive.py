@@ -37,7 +37,7 @@ FILE_CONTENTS: Mapping[str, str] = {
     "trials.csv": "The planned trials in their order.",
     "attempts.csv": "Each attempt at a trial with its results.",
     "answers.csv": "Each answer to a question.",
-    "items.csv": "The questions in their words.",
+    "items.csv": "The text of each question.",
     "scores.csv": "Scores of questionnaires, from the answers.",
     "scales.csv": "How these scores are computed, and where that was published.",
     "events.csv": "Events of the sessions with their times.",

@@ -37,7 +37,7 @@ class Extras:
 
 
 NO_EXTRAS = Extras()
-"""Nothing that is exported only on request."""
+"""No data that are exported only on request."""
 
 
 def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:

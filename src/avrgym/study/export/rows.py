@@ -17,8 +17,8 @@ from avrgym.tasks.registry import TASKS
 
 _FROM_0, _FROM_1 = "0 and above", "1 and above"
 _SESSION_ANSWER = "the answer is about a whole session"
-_NO_TRIAL = "it was in no trial"
-_NO_SESSION = "it is about no session"
+_NO_TRIAL = "outside trials"
+_NO_SESSION = "it concerns no session"
 _WHOLE_STUDY = "it is about the whole study"
 _NO_METRICS = "the attempt did not end with metrics"
 _NO_RESULTS = "no results were viewed"
@@ -37,7 +37,7 @@ def _participant(empty: str = "") -> Column:
 
 
 def _simulated(empty: str = "") -> Column:
-    return Column("Whether a program took the place of a person.", empty=empty)
+    return Column("Whether the participant is simulated.", empty=empty)
 
 
 def _session(empty: str = "") -> Column:
@@ -46,7 +46,9 @@ def _session(empty: str = "") -> Column:
 
 def _position(empty: str = "") -> Column:
     return Column(
-        "Position of the trial in the participant's order, with practice.", allowed=_FROM_1, empty=empty
+        "Position of the trial in the participant's order, practice trials included.",
+        allowed=_FROM_1,
+        empty=empty,
     )
 
 
@@ -119,7 +121,7 @@ class ParticipantRow:
         int | None, Column("Number of the order of trials.", allowed=_FROM_0, empty="no order yet")
     ]
     consent_version: Annotated[
-        str | None, Column("Version of the consent text that was agreed to.", empty="no consent")
+        str | None, Column("Version of the consent text that the participant accepted.", empty="no consent")
     ]
     consented_at: Annotated[str | None, _utc("Time of the consent.", "no consent")]
 
@@ -190,7 +192,7 @@ class AttemptIdentifiers:
 class AttemptRow(AttemptIdentifiers):
     """One attempt at a trial."""
 
-    state: Annotated[str, Column("How the attempt ended, or that it runs.", allowed=_one_of(*ATTEMPT))]
+    state: Annotated[str, Column("State of the attempt.", allowed=_one_of(*ATTEMPT))]
     started_at: Annotated[str, _utc("Start of the attempt.")]
     ended_at: Annotated[str | None, _utc("End of the attempt.", "it runs")]
     steps: Annotated[
@@ -351,7 +353,10 @@ class LogRow:
         str, Column("How the person is identified.", allowed=_one_of(*IDENTIFICATION_METHODS))
     ]
     name: Annotated[str, Column("The action.", allowed="see Log in docs/how_to/run_sessions.md")]
-    participant: Annotated[str | None, Column("Pseudonym of its participant.", empty="it has none")]
+    participant: Annotated[
+        str | None,
+        Column("Pseudonym of the affected participant.", empty="the action concerns no participant"),
+    ]
     detail: Annotated[
         str | None, Column("Further information; refused: the action changed nothing.", empty="nothing")
     ]

@@ -44,8 +44,8 @@ max_held_share = {max_held_share:.12g}
 further = []
 
 # Your hypotheses, one [[hypotheses]] each, with primary measures and tests. In tests "by participant" each participant
-# is one value. Tests "by trial", as in the paper, assume independent trials; their hypotheses are tested by participant
-# instead. p is two-sided and corrected over all tests of the hypotheses.
+# gives one value. Tests "by trial", as in the paper, assume independent trials; their hypotheses are tested by
+# participant instead. p is two-sided and corrected over all tests of the hypotheses.
 {hypotheses}"""
 _HYPOTHESIS = """
 [[hypotheses]]

@@ -98,10 +98,10 @@ def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
         },
         "Analysis plan": {
             "Statistical models": _tests(plan, available_tests),
-            "Transformations": "None; differences of zero are left out of signed-rank tests, ties share their rank.",
+            "Transformations": "None; signed-rank tests omit zero differences, and ties get their mean rank.",
             "Inference criteria": _inference(),
             "Data exclusion": _exclusion(design, plan),
-            "Missing data": "Of a pair of trials of which one is missing, the other is left out of its test.",
+            "Missing data": "If one trial of a pair is missing, the test excludes the other trial.",
             "Exploratory analyses": bullet_list(plan.exploratory),
         },
         "Other": {"Other": plan.other},

@@ -92,7 +92,7 @@ def simulate_study(
         seed: seed of bodies, behaviour and answers; it must be the seed of the earlier run, if any.
         progress: called with the numbers of completed and planned trials.
         jobs: number of processes; default: number of cores. It does not affect the results.
-        people: the population: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
+        people: the population: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a
             trained human or a folder of trained humans.
         impairment: the impairment of all participants, a name in ``people.impairments.IMPAIRMENTS``.
         cluster: run on the workers of this cluster; they need access to the study's folder.

@@ -35,7 +35,7 @@ REFUSED = "refused"
 
 @dataclass(frozen=True)
 class Actor:
-    """A person, and how the person is identified (one of ``IDENTIFICATION_METHODS``)."""
+    """A person, and the method of identification (one of ``IDENTIFICATION_METHODS``)."""
 
     name: str
     known_by: str

@@ -31,8 +31,9 @@ may be on a rim. In between, the lateral motion falls to zero."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
 NEARLY_M = 0.03
-"""The scooper also moves the forearm to the person's left if the forearm is less than this below the carrying
-height."""
+"""Maximum distance below the carrying height at which the scooper also moves the forearm to the person's
+left.
+"""
 INSIDE_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145

@@ -97,7 +97,7 @@ class DressingExpert:
         self._episodes, self._planner = episodes, MotionPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = drawing_target(state, task_state, self._planner)
         return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)

@@ -58,7 +58,7 @@ class DrinkingExpert:
         self._way, self._before = self._plan(self._episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         state, planner = self._episodes.state(), self._planner
         self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)

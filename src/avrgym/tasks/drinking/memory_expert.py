@@ -81,7 +81,7 @@ class MemoryExpert:
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         planner, state = self._planner, self._episodes.state()
         planner.relax()
         rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * self._planner.scene.control_step_s

@@ -56,7 +56,7 @@ class FeedbackExpert:
         self._planner = FeedbackPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         self._planner.relax()
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)

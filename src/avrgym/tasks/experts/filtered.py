@@ -63,7 +63,7 @@ class _FilteredExpert:
         self._seen, self._controller = seen, expert(seen)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         self._seen.look()
         return self._controller(observation)
 

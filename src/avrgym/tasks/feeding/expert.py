@@ -43,7 +43,7 @@ class FeedingExpert:
         self._plan(episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         state, planner = self._episodes.state(), self._planner
         self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
         swing = planner.joint_step(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)

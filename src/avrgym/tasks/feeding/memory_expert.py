@@ -29,7 +29,7 @@ class MemoryExpert:
         self._follow = FeedbackExpert(episodes, self._target)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         return self._follow(observation)
 
     def _target(self, state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:

@@ -54,7 +54,7 @@ class SwingsInFront:
         self._swung = np.zeros(len(self._first), dtype=bool)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        """Returns the actions (N, J) of the next control step."""
+        """Returns the actions (N, A) of the next control step."""
         planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
         planner.relax()
         self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE

@@ -327,7 +327,7 @@ def _missed(late: list[LateTick]) -> int:
 def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
     """Returns the late ticks that would also have been late without CPU steal.
 
-    Their delay exceeds the CPU steal since the first late tick of an uninterrupted sequence of late ticks.
+    Their delay exceeds the CPU steal since the first tick of an uninterrupted sequence of late ticks.
     """
     running: list[LateTick] = []
     began_s, next_s = -np.inf, -np.inf

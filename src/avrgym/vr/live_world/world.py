@@ -59,7 +59,7 @@ class LiveWorld:
 
     @property
     def applied_action(self) -> FloatArray | None:
-        """The action of the robot (J,) if it changed at the latest tick, otherwise ``None``."""
+        """The action of the robot (A,) if it changed at the latest tick, otherwise ``None``."""
         return self._loop.applied_action
 
     @property

@@ -264,9 +264,9 @@ CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "rec
 class Command(Message, frozen=True, tag="command"):
     """A command of the experimenter.
 
-    ``stop``: hold the robot immediately; the participant may repeat the trial. ``pause``: as stop, and no trial starts
-    before ``continue``. ``repeat``: a new attempt at the trial. ``skip``: go to the next trial. ``end``: end the
-    session. ``recalibrate``: calibrate the participant again.
+    ``stop``: stop the robot immediately; the participant may repeat the trial. ``pause``: stop the robot, and
+    start no trial before ``continue``. ``repeat``: a new attempt at the trial. ``skip``: go to the next
+    trial. ``end``: end the session. ``recalibrate``: calibrate the participant again.
     """
 
     name: CommandName

@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
 Token = Annotated[str, msgspec.Meta(min_length=TOKEN_BYTES, max_length=128, pattern="^[A-Za-z0-9_-]+$")]
-REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the server printed"
+REFUSED_ORIGIN = "this page comes from another server; open the address that the server printed"
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def reason_to_renew(wanted: Certificate) -> str | None:
         return f"it expires on {ends:%Y-%m-%d}"
     known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     if not set(_alternative_names(wanted.names)) <= known:
-        return "it lacks a present name or address of this computer"
+        return "it lacks a current name or address of this computer"
     return None
 
 

@@ -48,7 +48,7 @@ class EnvironmentViewer:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             policy: any name that ``policies.registry.find_for_session`` accepts.
-            people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
+            people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a people file.
             seed: seed of the first episode; incremented for each later episode.
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
@@ -176,7 +176,7 @@ class EnvironmentViewer:
 
     def _phase_message(self) -> messages.Phase:
         outcome = "success" if self._success else ""
-        held = f"the robot holds still, {self._failure}" if self._failure else "running"
+        held = f"the robot holds its position: {self._failure}" if self._failure else "running"
         state = {"loading": "preparing", "running": outcome or held, "ended": outcome or "no success"}
         words = "paused" if self._paused else state[self._phase]
         text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {words}"

@@ -57,6 +57,6 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
 
 def lost_time(now_s: float, seconds: float) -> Interruption:
     """Returns the interruption if the process or its machine was suspended."""
-    why = f"the computer stood still for {seconds:.1f} s"
+    why = f"the computer was suspended for {seconds:.1f} s"
     message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

@@ -340,7 +340,7 @@ class SessionState:
         if kind and kind not in self.drivers.reported_kinds:
             self.drivers.reported_kinds.add(kind)
             self.sink.report(events.ControllerFailed(self.now_s, failure))
-            self.report(f"the robot holds still, its controller failed: {failure}")
+            self.report(f"the robot holds its position, because its controller failed: {failure}")
 
     def record_guard_interventions(self) -> None:
         """Record each intervention of the force guard with its reason, and its end."""

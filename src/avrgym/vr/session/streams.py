@@ -81,7 +81,7 @@ class StreamRecording:
             state.record_event("stream_found" if present else "stream_lost", name)
             state.sink.report((StreamFound if present else StreamLost)(state.now_s, name))
             if not present:
-                state.report(f"the stream {name} has vanished; the session goes on without it")
+                state.report(f"the stream {name} is lost; the session continues without it")
 
     def _record(self, stream: Stream, samples: StreamSamples) -> None:
         attempt, now_s = self._state.storage.attempt, self._state.now_s

@@ -208,4 +208,4 @@ class Phase:
         return self
 
     def _refuse_out_of_place(self) -> Self:
-        return self._report("this is possible once the participant is in place, with the scene shown")
+        return self._report("this is possible only after calibration, when the scene is shown")

@@ -171,7 +171,7 @@ class Loading(InVR, ABC):
             try:
                 state.worlds.switch()
             except NoClearanceError as error:
-                state.report(f"the robot has no room to begin: {error}")
+                state.report(f"the robot has no collision-free start: {error}")
                 return phases.Paused(state, Text("no_room"))
             except Exception as error:  # the compiler and files may raise any exception
                 state.report(f"the scene cannot be created: {error}")

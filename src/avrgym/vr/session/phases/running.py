@@ -61,7 +61,7 @@ class Trial(Stoppable):
 
     def drive(self, wish: messages.Drive) -> None:
         if not isinstance(self.driver, Operator):
-            self._report("in this trial nobody drives by hand")
+            self._report("in this trial no operator drives the robot")
         else:
             self.driver.take_command(wish, self.state.now_s)
 
