@@ -252,7 +252,7 @@ export class Dashboard {
     element("adverse-events-part").hidden = simulated;
     this.showTable("adverse-events", adverseEventsTable(adverse_events));
     element("safety-words").textContent = safety_events.length
-      ? "The session reported by itself, which is no adverse event unless somebody was affected:"
+      ? "The session reported these events automatically. They are adverse events only if a person was affected:"
       : "";
     this.fill("safety-events", safety_events, () => safety_events.map((each) => line(safetyText(each))));
     this.adverseEvent.offerEvents(adverse_events, trials);

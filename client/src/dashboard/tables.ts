@@ -157,8 +157,8 @@ export function experimenterText({ experimenter }: Overview): string {
 }
 
 export function resultsText(blinded: boolean): string {
-  const policies = blinded ? " Letters stand for the policies: this study is blind." : "";
-  return `Completed trials without practice, of all who did not withdraw.${policies}`;
+  const policies = blinded ? " Letters replace the names of policies, because this study is blind." : "";
+  return `Completed trials without practice, of all participants who did not withdraw.${policies}`;
 }
 
 /** The participant and the next step. */

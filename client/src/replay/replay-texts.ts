@@ -11,8 +11,8 @@ export function description(timeline: Timeline, label: string): Node[] {
   const { title, complete, result, seconds, facts } = timeline;
   const length = `${seconds.toFixed(1)}\u00a0s`;
   const ending = complete
-    ? `Recorded whole: ${result} after ${length}.`
-    : `Not complete: the recording breaks off after ${length}.`;
+    ? `Complete recording: ${result} after ${length}.`
+    : `Incomplete recording: it ends after ${length}.`;
   const list = createElement("dl");
   for (const [name, words] of Object.entries(facts)) list.append(createElement("dt", name), createElement("dd", words));
   const more = createElement("details");

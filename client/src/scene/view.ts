@@ -42,7 +42,7 @@ function rendererOf(antialias: boolean): WebGLRenderer {
   try {
     return new WebGLRenderer({ antialias });
   } catch (cause) {
-    throw new CannotDrawError("this browser draws nothing in 3D: switch on its graphics acceleration, or use another", {
+    throw new CannotDrawError("this browser cannot draw in 3D: turn on its graphics acceleration, or use another browser", {
       cause,
     });
   }

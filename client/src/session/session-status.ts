@@ -15,16 +15,16 @@ export const PHASE_TEXTS: Readonly<Record<PhaseName, string>> = {
   waiting: "the participant is not in VR",
   headset: "the headset is about to be checked",
   headset_check: "the headset is checked",
-  headset_stop: "the participant tries the stop",
+  headset_stop: "the participant tests the stop",
   calibration: "the participant is measured",
   reach: "the participant's reach is measured",
   loading: "the scene is prepared",
-  check: "the participant looks whether body and seat fit",
-  ready: "the participant says when to begin",
+  check: "the participant checks body and seat",
+  ready: "the participant confirms when ready",
   free_before: "free movement before the robot starts",
   countdown: "the robot is about to start",
   trial: "the robot helps",
-  retreat: "the robot takes its tool away",
+  retreat: "the robot retreats",
   free_after: "free movement, the robot holds still",
   questionnaire: "the participant answers questions",
   confirm: "the participant confirms their answers",
@@ -70,7 +70,7 @@ function successText({ success, withdrawing }: Status): string {
 function limitText({ force_region, force_share, retracting }: Status): string {
   const limit = FORCE_LIMITS_N[force_region];
   const bears = limit === undefined ? "no force" : `${(100 * force_share).toFixed(0)} % of ${limit} N, ${force_region.replaceAll("_", " ")}`;
-  return `${bears}${retracting ? ": draws back" : ""}`;
+  return `${bears}${retracting ? ": retracts" : ""}`;
 }
 
 function pauseText({ paused, pause_reason }: Status): string {
@@ -81,7 +81,7 @@ function trackingText(status: Status): string {
   const { tracking_age_s, visibility, left_modality, right_modality } = status;
   if (visibility !== "visible") return `the participant does not see the scene: ${VISIBILITY_TEXTS[visibility]}`;
   if (tracking_age_s === null) return "none yet";
-  if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, person and robot are held`;
+  if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, person and robot do not move`;
   const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
   return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}${untrackedText(status)}`;
 }

@@ -72,10 +72,10 @@ describe("how a session stands", () => {
     expect(words["watch-reward"]).toBe("41.3");
   });
 
-  it("says which part of the body bears most, and when the robot draws back", () => {
+  it("names the most loaded body region, and shows that the arm retracts", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
     expect(statusTexts(pressed)["watch-limit"]).toBe("56 % of 150 N, upper arms");
-    expect(statusTexts({ ...pressed, retracting: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
+    expect(statusTexts({ ...pressed, retracting: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: retracts");
   });
 
   it("says when the robot has withdrawn after success", () => {
@@ -93,7 +93,7 @@ describe("how a session stands", () => {
       "the participant does not see the scene: a menu covers the scene",
     );
     expect(statusTexts({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
-      "lost for 1.3 s, person and robot are held",
+      "lost for 1.3 s, person and robot do not move",
     );
     expect(statusTexts({ ...STATUS, untracked_parts: ["left", "right"] })["watch-tracking"]).toBe(
       "11 ms old, hand; left hand not tracked; right hand not tracked: the task needs it",
