@@ -1,4 +1,4 @@
-"""Each problem of a study is described in plain words, and the rest is analysed."""
+"""Damaged and incomplete studies: each problem is listed, and the remaining data are analysed."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""What a recording tells about the body: kinematics as MuJoCo's, targets that hold until they change."""
+"""Body measures from recordings agree with MuJoCo's kinematics; targets hold until they change."""
 
 import dataclasses
 from datetime import UTC, datetime

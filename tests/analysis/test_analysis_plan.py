@@ -1,4 +1,4 @@
-"""The report of a study with a frozen plan: planned tests stand apart, and every deviation is listed."""
+"""The report of a study with a frozen plan: planned tests are marked, and every deviation is listed."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The tests and intervals of the analysis: published examples, SciPy's figures, and how often they err."""
+"""Tests and intervals of the analysis: published examples, SciPy's results, and error rates."""
 
 from typing import Any
 

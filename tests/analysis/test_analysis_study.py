@@ -1,4 +1,4 @@
-"""A study's analysis: its numbers follow from its tables, people and simulated participants stay apart."""
+"""The analysis of a study: results follow from its tables; people and simulated participants are separate."""
 
 import json
 from collections.abc import Iterator

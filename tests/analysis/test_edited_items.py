@@ -1,4 +1,4 @@
-"""Items that were edited while people took part: answers are not pooled, none is lost, methods state who had what."""
+"""Items that were edited during a study: answers are not pooled, none is lost, and methods list the versions."""
 
 import json
 import re

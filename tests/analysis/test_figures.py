@@ -1,4 +1,4 @@
-"""Laws of every figure: labelled axes, no words on other words or cut off, and fonts inside its PDF."""
+"""Laws of every figure: labelled axes, no overlapping or truncated text, and fonts inside the PDF."""
 
 import os
 import re

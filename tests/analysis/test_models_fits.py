@@ -1,4 +1,4 @@
-"""Fitting models: published figures, textbook formulas, and what data cannot tell."""
+"""Fitted models: published results, textbook formulas, and data that do not identify a model."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Models of a study: what they find where there is something, where there is nothing, and in studies of any shape."""
+"""Models of a study: existing effects, missing effects, and studies of any shape."""
 
 import re
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Simulated power: what calculus gives where it can, the analysis' own tests, the same figures for the same seed."""
+"""Simulated power: agreement with calculus, the tests of the analysis, and the same results for the same seed."""
 
 import json
 import re

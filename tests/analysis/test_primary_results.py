@@ -1,4 +1,4 @@
-"""One result of each question is primary, stars keep their promise, and what data do not tell has no interval."""
+"""Primary results: one for each question, correct stars, and no interval without information."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The reporting pack: it says what the study knows, names what is missing, and marks what was simulated."""
+"""Publication files: facts of the study, missing facts, and marks of simulated participants."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""What stands between computer and headset, met as it is: occupied ports, missing programs, firewalls."""
+"""Checks of the connection to a headset: occupied ports, missing programs, firewalls."""
 
 import socket
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`avrgym doctor`: every check in one go, told and written, and an exit code that says whether something fails."""
+"""`avrgym doctor`: output and JSON of all checks, and the exit code."""
 
 import json
 import re

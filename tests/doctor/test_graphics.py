@@ -1,4 +1,4 @@
-"""Graphics cards, and drivers that do not answer."""
+"""Checks of graphics cards, and drivers that do not respond."""
 
 from collections.abc import Callable
 from pathlib import Path

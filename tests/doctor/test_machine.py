@@ -1,4 +1,4 @@
-"""A computer that keeps up and one that does not, made by the system's own limits."""
+"""Checks of real-time performance, with and without limits of the system."""
 
 import os
 import resource

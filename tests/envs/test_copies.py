@@ -1,4 +1,4 @@
-"""Environments are copied and pickled in the middle of an episode: the copy goes on to the same bits."""
+"""Environments are copied and pickled in the middle of an episode: the copy continues with the same bits."""
 
 import copy
 import pickle

@@ -1,4 +1,4 @@
-"""No motor here presses harder than it can, and a person gives way: what robots may press people with."""
+"""Motor limits and compliance of people: bounds of contact forces."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""A forked process lacks the threads that step the worlds: environments refuse there in words, and never hang."""
+"""A forked process lacks the threads that step the worlds: environments raise an error there and never hang."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Scenes as other programs read them: the same world, as an episode begins."""
+"""Exported scenes for other programs: the same world at the start of an episode."""
 
 import json
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""What ``spec`` holds is plain data, from which JSON makes the same episodes."""
+"""`spec` contains plain data; an environment from its JSON has the same episodes."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The vector environment: Gymnasium's own semantics, letter for letter."""
+"""The vector environment has the semantics of Gymnasium's vector environments."""
 
 import gymnasium as gym
 import numpy as np

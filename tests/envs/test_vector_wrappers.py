@@ -1,4 +1,4 @@
-"""Gymnasium's vector wrappers in every autoreset mode: as around Gymnasium's own environments, and as documented."""
+"""Gymnasium's vector wrappers in every autoreset mode: as with Gymnasium's own environments, and as documented."""
 
 import re
 from collections.abc import Callable

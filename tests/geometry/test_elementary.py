@@ -1,4 +1,4 @@
-"""Elementary functions are right, and the same bits on every processor."""
+"""Elementary functions are accurate and give the same bits on every processor."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Cross-play: each policy meets the same people, and each cell is what it is alone."""
+"""Cross-play: each policy meets the same people, and each cell equals a separate evaluation."""
 
 import pytest
 

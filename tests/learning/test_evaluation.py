@@ -1,4 +1,4 @@
-"""Evaluation: figures that depend on the seed alone, and the interval of a share."""
+"""Evaluation: results depend only on the seed; intervals of proportions."""
 
 from collections.abc import Callable
 from pathlib import Path

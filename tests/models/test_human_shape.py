@@ -1,4 +1,4 @@
-"""The body that pictures show, against the body that physics knows."""
+"""The rendered body compared with the body of the physics."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Fitting people to a study, and meeting them in training, evaluation and Gymnasium's environments."""
+"""Populations fitted to a study, and their use in training, evaluation and Gymnasium's environments."""
 
 import re
 from collections.abc import Mapping

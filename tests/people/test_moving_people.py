@@ -1,4 +1,4 @@
-"""The static and the moving person are one: the same body in the same pose, and the moving one has its weight."""
+"""The static and the moving person have the same body, pose and weight."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Policies with a memory: one law for each thing that a batch, an episode or a file could spoil."""
+"""Policies with memory: laws of batches, episodes and files."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Validated questionnaires: laws that every one of them keeps, and examples that were published."""
+"""Validated questionnaires: laws of all, and published examples."""
 
 from itertools import combinations
 

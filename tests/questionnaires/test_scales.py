@@ -1,4 +1,4 @@
-"""The scale on which an item is shown: the published one of its instrument, whatever the language."""
+"""The response scale of an item is that of its published questionnaire, in every language."""
 
 import pytest
 

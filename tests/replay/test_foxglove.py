@@ -1,4 +1,4 @@
-"""Recordings as files for Foxglove and Rerun, read again as these do."""
+"""Recordings as files for Foxglove and Rerun."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Recorded trials as pages in one file: nothing is loaded, and what is shown is what was recorded."""
+"""Recorded trials as pages in one file: nothing is loaded, and the page shows the recorded data."""
 
 import json
 import re

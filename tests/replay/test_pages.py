@@ -1,4 +1,4 @@
-"""Every page in a real browser under its own policy: it works, and the browser has nothing to complain of."""
+"""Every page in a real browser under its own security policy: it works without errors of the browser."""
 
 import json
 from collections.abc import Iterator

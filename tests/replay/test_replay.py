@@ -1,4 +1,4 @@
-"""Replay: every recorded trial is what its beginning, its commands and its participant's movements lead to."""
+"""Replay: initial state, commands and the participant's motion determine every recorded trial."""
 
 import json
 from collections.abc import Callable

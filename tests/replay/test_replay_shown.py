@@ -1,4 +1,4 @@
-"""Replays that are looked at: the page and its server, videos, and sequences of pictures."""
+"""Replays for viewers: the page and its server, videos, and sequences of pictures."""
 
 from collections.abc import Iterator
 from pathlib import Path

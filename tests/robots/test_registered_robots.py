@@ -1,4 +1,4 @@
-"""What is true of every robot: ours, and those of the example package."""
+"""Laws of every robot: packaged robots, and robots of the example package."""
 
 import sys
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Robots collide with themselves where the setting is on, and only there."""
+"""Links of a robot collide with each other only with the setting `self_collision`."""
 
 import numpy as np
 import pytest

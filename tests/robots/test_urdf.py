@@ -1,4 +1,4 @@
-"""What URDF may have: mimicking joints and links without mass are held, and all else is refused with its cure."""
+"""Supported URDF: mimicking joints and links without mass are fixed; errors describe all other cases."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The force guard: it draws arms back that press too hard, those alone, and along the way that they came."""
+"""The force guard: arms with a high contact force retract along their path; other arms are not affected."""
 
 from collections.abc import Callable
 from typing import NamedTuple

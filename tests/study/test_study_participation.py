@@ -1,4 +1,4 @@
-"""The signed participation list keeps withdrawals, exclusions and deletions after loss of the database."""
+"""The signed participation list preserves withdrawals, exclusions and deletions after loss of the database."""
 
 import json
 import os

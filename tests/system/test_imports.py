@@ -1,4 +1,4 @@
-"""What stays out where it is not needed: `import avrgym` and `avrgym --help` wait for no heavy package."""
+"""`import avrgym` and `avrgym --help` import no heavy package."""
 
 import json
 import subprocess

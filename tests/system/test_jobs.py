@@ -1,4 +1,4 @@
-"""Work that is spread over processes gives what one process gives."""
+"""Work in several processes gives the same results as in one process."""
 
 import os
 import signal

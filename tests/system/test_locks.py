@@ -1,4 +1,4 @@
-"""One process at a time trains in a folder."""
+"""Only one process at a time uses a locked folder."""
 
 import errno
 import fcntl

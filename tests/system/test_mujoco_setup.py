@@ -1,4 +1,4 @@
-"""How MuJoCo draws where there is no screen."""
+"""The rendering backend of MuJoCo without a screen."""
 
 import os
 

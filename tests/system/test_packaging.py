@@ -1,4 +1,4 @@
-"""The files that package AVR Gym for others say what ``pyproject.toml`` and the robots say."""
+"""Files for packaging agree with ``pyproject.toml`` and the robots."""
 
 import os
 import re

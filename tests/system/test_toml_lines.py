@@ -1,4 +1,4 @@
-"""The lines that errors name, also where tables of one array stand apart and texts look like headers."""
+"""Line numbers of TOML values in errors, also with separated tables of an array and texts that look like headers."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a plug-in was when something used it: every byte that decides its behaviour counts, and nothing else."""
+"""The hash of a plug-in covers every file that determines its behaviour, and no other file."""
 
 import json
 import sys

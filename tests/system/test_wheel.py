@@ -1,4 +1,4 @@
-"""What is built for others to install: whole, or not at all."""
+"""The built wheel is complete; a failed build writes nothing."""
 
 import os
 import runpy

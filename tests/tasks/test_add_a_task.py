@@ -1,4 +1,4 @@
-"""A task of another package, described in docs/how_to/add_a_task.md, works wherever an environment's id does."""
+"""A task of another package, described in docs/how_to/add_a_task.md, can be used like a packaged task."""
 
 import json
 import re

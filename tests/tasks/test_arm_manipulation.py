@@ -1,4 +1,4 @@
-"""Arm manipulation: what counts as returned, how limp the arm is, and that the expert lifts it."""
+"""Arm manipulation: the success criterion, the limp arm, and the expert."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The way around a limb and of the hand, told by their laws and by paths of many short pieces."""
+"""Detours around a limb and of the hand, compared with laws and with paths of many short segments."""
 
 import numpy as np
 import pytest

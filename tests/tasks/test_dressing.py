@@ -1,4 +1,4 @@
-"""Dressing: where the opening is on the arm, and the laws of a sleeve that is drawn over it."""
+"""Dressing: the position of the opening on the arm, and laws of a sleeve on an arm."""
 
 import inspect
 

@@ -1,4 +1,4 @@
-"""Laws that every environment keeps: the same seed gives the same bits, and the physics stays sane."""
+"""Laws of every environment: the same seed gives the same bits, and the physics is stable."""
 
 import mujoco
 import numpy as np

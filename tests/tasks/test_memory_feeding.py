@@ -1,4 +1,4 @@
-"""The memory expert of feeding keeps its distance while the mouth moves."""
+"""The memory-based expert for feeding keeps its distance while the mouth moves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A robot that is placed badly fails every check, and every robot of ours passes them."""
+"""A badly placed robot fails every check; every packaged robot passes them."""
 
 import json
 import re

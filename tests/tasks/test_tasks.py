@@ -1,4 +1,4 @@
-"""Laws of every task's record, and what registration refuses."""
+"""Laws of every task record, and rejections by the registry."""
 
 from collections.abc import Mapping
 from dataclasses import replace

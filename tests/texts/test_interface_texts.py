@@ -1,4 +1,4 @@
-"""Laws of the texts that participants read: every language whole, a study's own texts before those brought along."""
+"""Laws of the texts for participants: every language is complete, and a study's texts override the included ones."""
 
 import re
 import stat

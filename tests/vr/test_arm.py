@@ -1,4 +1,4 @@
-"""Laws of the arm's inverse kinematics: exact, within ranges, smooth, and with the elbow where people hold it."""
+"""Laws of the arm's inverse kinematics: exact, within ranges, smooth, with a natural elbow position."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""Who may come in, on every route: tokens by role, hosts, origins; the certificate for the local network."""
+"""Authentication on every route: tokens by role, hosts, origins; the certificate for the local network."""
 
 import asyncio
 import datetime

@@ -1,4 +1,4 @@
-"""Laws of the way from head and hands to the joints of the simulated body."""
+"""Laws of the inverse kinematics from head and hands to the joints of the simulated body."""
 
 import itertools
 

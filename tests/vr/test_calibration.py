@@ -1,4 +1,4 @@
-"""Laws of measuring a torso from a headset, and of putting seats and heads together."""
+"""Laws of calibration: torso height from a headset, and registration of seat and head."""
 
 import numpy as np
 import pytest

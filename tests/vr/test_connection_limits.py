@@ -1,4 +1,4 @@
-"""Connections beyond measure: who stays, who goes, and that those who take part notice nothing."""
+"""Connection limits: excess connections are closed, and participants are not affected."""
 
 import resource
 import socket

@@ -1,4 +1,4 @@
-"""A trial counts only if somebody was tracked in it and no time was lost; otherwise it is broken off and repeated."""
+"""A trial counts only with continuous tracking and time; otherwise it is interrupted and repeated."""
 
 import re
 import signal

@@ -1,4 +1,4 @@
-"""Keeping processors awake: the request lasts as long as it should, and nobody is disturbed who may not ask."""
+"""Prevention of idle states: its duration, and users without permission."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The page of somebody who has no headset, in a real browser: what they see, read and press."""
+"""The page without a headset, in a real browser: texts, display and controls."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

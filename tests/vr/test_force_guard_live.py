@@ -1,4 +1,4 @@
-"""The force guard in a live session: it draws back, says so in the recording, and the recording replays."""
+"""The force guard in a live session: it retracts the arm, records its reason, and the recording replays."""
 
 from dataclasses import replace
 from pathlib import Path

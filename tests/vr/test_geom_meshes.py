@@ -1,4 +1,4 @@
-"""Meshes as headsets show them: of fewer triangles, and the same surface."""
+"""Meshes for headsets have fewer triangles and the same surface."""
 
 from functools import cache
 

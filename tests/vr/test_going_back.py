@@ -1,4 +1,4 @@
-"""Answers can be changed until they are confirmed; the last one that was given counts."""
+"""Answers can be changed until they are confirmed; the last answer counts."""
 
 from pathlib import Path
 

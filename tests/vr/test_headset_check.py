@@ -1,4 +1,4 @@
-"""Laws of a headset check's result: each fault in words, with what to do, and nothing else keeps a session waiting."""
+"""Laws of the result of a headset check: a text and a remedy for each fault, and nothing else blocks a session."""
 
 from collections.abc import Mapping
 from typing import Any

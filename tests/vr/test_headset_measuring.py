@@ -1,4 +1,4 @@
-"""Laws of the check of the headset: what is measured, when, and what a session makes of it."""
+"""Laws of the headset check: measurements, their times, and their use in a session."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Poses that jump are not followed: laws of single limbs, then of sessions with hostile tracking."""
+"""The body does not follow jumping poses: laws of single limbs, then of sessions with hostile tracking."""
 
 from collections.abc import Iterator
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Other devices' streams by real outlets and inlets of Lab Streaming Layer, on this machine."""
+"""Streams of other devices by real outlets and inlets of Lab Streaming Layer, on this machine."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The live server's measurement: its parts add up, and it measures a real session. No figure is asserted."""
+"""The measurement of live latency: its stages add up, and it measures a real session. No value is asserted."""
 
 import multiprocessing
 import os

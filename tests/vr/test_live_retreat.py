@@ -1,4 +1,4 @@
-"""After a trial the robot takes its tool away, in a session: recorded, stoppable, no part of the trial."""
+"""Retreat after a trial in a session: it is recorded, can be stopped, and is not part of the trial."""
 
 from dataclasses import replace
 from pathlib import Path

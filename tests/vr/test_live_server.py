@@ -1,4 +1,4 @@
-"""The server over real sockets: who is let in, what is served, what a hostile client can do to it."""
+"""The server over real sockets: authentication, served files, and hostile clients."""
 
 import asyncio
 import json

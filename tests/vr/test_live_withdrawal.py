@@ -1,4 +1,4 @@
-"""After success the robot withdraws in a session and waits: recorded, replayed to the same bits, left to studies."""
+"""Withdrawal after success in a session: it is recorded and replayed to the same bits; studies can turn it off."""
 
 from dataclasses import replace
 from pathlib import Path

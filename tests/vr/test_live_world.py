@@ -1,4 +1,4 @@
-"""Laws of the world that a participant is in: every environment goes live, and its person follows."""
+"""Laws of the live world: every environment can be used, and the person follows the participant."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The wire protocol: every message survives the way to bytes and back, and the client's copy is current."""
+"""The protocol: every message is decoded as it was encoded, and the client's types are current."""
 
 import subprocess
 import sys

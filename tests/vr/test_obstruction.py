@@ -1,4 +1,4 @@
-"""Laws of what is in a body's way: late is not held back, and who is not held back is where they are tracked."""
+"""Laws of obstruction: lag is not obstruction, and parts without obstruction are at their tracked poses."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Laws of the operator: the hand goes where they say, no faster than it may, and only while they hold the key."""
+"""Laws of the operator: the hand follows commands within its speed limits, and only while the key is pressed."""
 
 import threading
 import time

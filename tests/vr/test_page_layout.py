@@ -1,4 +1,4 @@
-"""Where things are on the client's pages, at every size of a window: the stop, the hand's buttons, the scene."""
+"""Layout of the client's pages at every window size: stop button, hand buttons and scene."""
 
 import colorsys
 import re

@@ -1,4 +1,4 @@
-"""The client solves its participant's body as the server does: to the same angles, shown by the same examples."""
+"""The client's body solver gives the same angles as the server's, shown by the same examples."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Simulated participants: sound frames of a person in a room, and answers that follow what they saw."""
+"""Simulated participants: valid frames of a person in a room, and answers that depend on the trial."""
 
 from dataclasses import replace
 from itertools import product

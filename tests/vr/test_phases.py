@@ -1,4 +1,4 @@
-"""Which phases follow which: what their annotations name, and nothing else; and what must not leave a session stuck."""
+"""Transitions between phases: those of their annotations and no others; no session gets stuck."""
 
 import random
 from collections.abc import Sequence

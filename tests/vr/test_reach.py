@@ -1,4 +1,4 @@
-"""Laws of arms as long as the participant's: two poses tell, the body's hands then are where theirs are."""
+"""Laws of measured arm lengths: two poses determine them, and the body's hands then match the participant's."""
 
 from dataclasses import replace
 from pathlib import Path

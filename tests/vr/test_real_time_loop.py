@@ -1,4 +1,4 @@
-"""The real-time loop with a made-up session: when it ticks, what it hands over, how it ends."""
+"""The real-time loop with a fake session: ticks, messages and end."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""Colours of the GLB: those that MuJoCo itself draws, for every robot, tool and piece of furniture."""
+"""Colours of the GLB are those of MuJoCo, for every robot, tool and piece of furniture."""
 
 from collections import Counter
 

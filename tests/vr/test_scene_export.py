@@ -1,4 +1,4 @@
-"""What the client draws: the GLB against the model that it comes from, in every environment."""
+"""The exported GLB compared with its model, in every environment."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Laws of states on their way: what comes out at the other end, how exact, in how many bytes."""
+"""Laws of encoded states: decoded values, accuracy, and number of bytes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A hand that rests while its device changes does not move: laws of single hands, then of sessions."""
+"""A resting hand does not move when its device changes: laws of single hands, then of sessions."""
 
 import json
 from collections.abc import Callable

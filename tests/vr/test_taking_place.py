@@ -1,4 +1,4 @@
-"""How a participant takes place: whose body they have, from choosing it to the recording."""
+"""The start of a session: the participant's body, from its choice to the recording."""
 
 from collections.abc import Iterator
 from dataclasses import replace

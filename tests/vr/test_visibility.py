@@ -1,4 +1,4 @@
-"""The robot holds while its participant does not see the scene or is not tracked, and they go on themselves."""
+"""The robot holds still while the participant does not see the scene or is not tracked; they continue themselves."""
 
 from collections.abc import Callable
 from typing import get_args

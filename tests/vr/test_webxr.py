@@ -1,4 +1,4 @@
-"""Laws of the change between WebXR's conventions and the world's."""
+"""Laws of the conversion between WebXR's and the world's conventions."""
 
 from typing import Literal
 
