@@ -1,9 +1,11 @@
-"""Pictures of environments in the middle of an episode. The oracle controls the robot, and the VR client draws.
+"""Render pictures of environments in the middle of an episode.
+
+The oracle controls the robot, and the VR client renders the scene.
 
     python scripts/figures/pictures.py docs/pictures [ENVIRONMENT_ID…]
 
-It needs the built client and Chromium. The client's renderer is available through the event ``observe`` of three.js's
-developer tools, which gives these pictures their own camera.
+The script needs the built client and Chromium. It gets the client's renderer from the event ``observe`` of three.js's
+developer tools and renders with its own camera.
 """
 
 import sys
@@ -36,7 +38,7 @@ MOMENTS = {
     "Dressing": (3, 34),
     "ArmManipulation": (3, 45),
 }
-"""By task, the seed of an episode and the control step at which it shows; ``MOMENT`` for others."""
+"""Seed of the episode and control step of the picture, for each task. Other tasks use ``MOMENT``."""
 MOMENT = (3, 11)
 SIZE_PX = {"width": 900, "height": 600}
 PATIENCE_MS = 600_000
@@ -45,7 +47,7 @@ QUALITY = 82
 
 @dataclass(frozen=True)
 class Camera:
-    """From where to where it looks, world frame, metres; its upward direction and vertical angle of view."""
+    """A camera in the world frame: position and target in metres, upward direction and vertical angle of view."""
 
     eye: list[float]
     at: list[float]
@@ -59,7 +61,7 @@ def _numbers(vector: ArrayLike) -> list[float]:
 
 
 def beside(eye: ArrayLike, at: ArrayLike) -> Camera:
-    """A bystander's view."""
+    """Return the camera of a bystander beside the scene."""
     return Camera(_numbers(eye), _numbers(at), [0.0, 0.0, 1.0], 42.0, inside=False)
 
 
@@ -78,7 +80,7 @@ BYSTANDERS = {
 
 
 def bystander(task: str, robot: str) -> Camera:
-    """The view of a bystander; by default that of the task."""
+    """Return the bystander's camera of an environment, by default the camera of its task."""
     if (task, robot) in BYSTANDERS:
         return BYSTANDERS[task, robot]
     view = TASKS[task].views.of_mount(TASKS[task].scene(ROBOTS[robot]).mount)
@@ -122,7 +124,7 @@ document.querySelectorAll("body > :not(#view)").forEach(({ style }) => { style.v
 
 
 class Moment:
-    """A session in which time stands still in the middle of an episode."""
+    """A session that stays at one control step of an episode."""
 
     at_rest = True
 
@@ -139,13 +141,13 @@ class Moment:
         self._ticks = 0
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
-        """Tell the client what to draw."""
+        """Send the scene to the client."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=False))
         send(self._scene())
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Nothing that a client says changes anything."""
+        """Ignore the client's messages."""
 
     def tick(self, now_s: float) -> None:
         """Send the same state again."""
@@ -153,10 +155,10 @@ class Moment:
         self._send(messages.State(self._ticks, self._ticks * TICK_S, -1, b"", [], self._poses))
 
     def close(self, now_s: float) -> None:
-        """Nothing is kept."""
+        """Do nothing, because the session stores no data."""
 
     def glance(self) -> Camera:
-        """What the participant sees who looks at the robot's tool."""
+        """Return the camera of a participant who looks at the robot's tool."""
         scene = self._scene()
         pose = dict(
             zip(scene.bodies, np.frombuffer(self._poses, "<f4").reshape(-1, 7).astype(float), strict=False)
@@ -171,7 +173,7 @@ class Moment:
 
 
 def take(page: Page, camera: Camera, file: Path) -> None:
-    """Save what a camera sees once it has been drawn twice."""
+    """Save a camera's picture after the client has rendered two frames."""
     page.evaluate("view => { window.wantedView = view; window.shownViews = 0; }", asdict(camera))
     page.wait_for_function("() => window.shownViews > 2", timeout=PATIENCE_MS)
     page.screenshot(path=file, type="jpeg", quality=QUALITY, timeout=PATIENCE_MS)
@@ -179,7 +181,7 @@ def take(page: Page, camera: Camera, file: Path) -> None:
 
 
 def main() -> None:
-    """Write two pictures of each environment named on the command line, or of all: from beside and from inside."""
+    """Write a bystander's and a participant's picture of each environment on the command line, by default of all."""
     folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(ENVIRONMENTS)
     folder.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:

@@ -1,4 +1,4 @@
-"""Settings of environments: impossible values are rejected, settings are applied and stored, defaults change nothing."""
+"""Settings of environments: impossible values are rejected; others are applied and stored; defaults change nothing."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -45,11 +45,12 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         ),
     ] = None
     torso_height_m: Annotated[
-        tuple[float, float] | None, Meta(description="Range of the torso heights of randomly drawn people.")
+        tuple[float, float] | None, Meta(description="Range of the torso heights of randomly sampled people.")
     ] = None
     body_mass_kg: Annotated[float | None, Meta(description="Mass of every person.")] = None
     range_share: Annotated[
-        float, Meta(description="Share of the joint ranges of drawn people; multiplies that of impairments.")
+        float,
+        Meta(description="Share of the joint ranges of sampled people; multiplies that of impairments."),
     ] = 1.0
     standing_by: Annotated[
         tuple[tuple[str, float, float, float], ...],

@@ -93,7 +93,7 @@ class WorldPeople:
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             driven: whether the caller moves the people's joints.
             human_actions: whether people execute actions.
-            settings: heights and joint ranges of drawn people.
+            settings: heights and joint ranges of sampled people.
 
         Raises:
             ValueError: for unknown names, for populations that do not fit the environment, and for settings of drawn

@@ -25,23 +25,42 @@ from avrgym.tasks.experts.feedback import ToolTarget, funnel_standoff_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
-TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
-"""Angles around the arm, from its top outwards, of the motion towards the hand and of the motion back."""
-BORDER_RAD, ELBOW_BORDER_RAD, BORDER_WIDTH_RAD = np.radians(43.0), np.radians(22.0), 0.1
-"""Angle around the arm that separates the motion towards the hand from the motion back, this angle at the elbow (where
-the cloth is tilted), and width of the transition."""
-TURN_BACK_POSITION, TURN_BACK_WIDTH = 2.9, 0.08
-"""Position along the arm at which the cloth turns back, and width of the transition."""
-LOOKAHEAD, MAX_LOOKAHEAD_RAD = 0.3, 0.8
-"""Distance from the cloth to its target, in positions along the arm, and largest angle to the target around the arm."""
-APPROACH_HEIGHT_M, APPROACH_END_HEIGHT_M = 0.045, 0.02
-"""Heights above the skin: the cloth approaches the arm while it is above the first; the approach ends at the second."""
-LIFT_M, MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE = 0.03, 0.01, 0.05
-"""Height of the cloth at the elbow, height below which the cloth advances along the arm, and smallest share of its
-speed."""
-DEPTH_GAIN_M_N, MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M, NO_CONTACT_STEP_M = 0.0003, -0.002, 0.001, 0.006
-"""Gain of the depth step per newton, limits of the step, and depth step without contact."""
+TOP_RAD = np.radians(12.0)
+"""Angle around the arm, from its top outwards, of the motion towards the hand."""
+SIDE_RAD = np.radians(75.0)
+"""Angle around the arm, from its top outwards, of the motion back to the shoulder."""
+BORDER_RAD = np.radians(43.0)
+"""Angle around the arm between the motion towards the hand and the motion back."""
+ELBOW_BORDER_RAD = np.radians(22.0)
+"""``BORDER_RAD`` at the elbow, where the cloth is tilted."""
+BORDER_WIDTH_RAD = 0.1
+"""Width of the transition between the two motions."""
+TURN_BACK_POSITION = 2.9
+"""Position along the arm at which the cloth turns back."""
+TURN_BACK_WIDTH = 0.08
+"""Width of this transition, in positions along the arm."""
+LOOKAHEAD = 0.3
+"""Distance from the cloth to its target, in positions along the arm."""
+MAX_LOOKAHEAD_RAD = 0.8
+"""Largest angle around the arm from the cloth to its target."""
+APPROACH_HEIGHT_M = 0.045
+"""The cloth approaches the arm while it is higher than this above the skin."""
+APPROACH_END_HEIGHT_M = 0.02
+"""Height above the skin at which the approach ends."""
+LIFT_M = 0.03
+"""Height of the cloth above the elbow."""
+MAX_ADVANCE_HEIGHT_M = 0.01
+"""Height below which the cloth advances along the arm."""
+MIN_SPEED_SHARE = 0.05
+"""Smallest speed of this advance, relative to the full speed."""
+DEPTH_GAIN_M_N = 0.0003
+"""Gain of the depth step per newton."""
+MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
+"""Limits of the depth step."""
+NO_CONTACT_STEP_M = 0.006
+"""Depth step without contact."""
 HEIGHT_RANGE_M = (-0.03, 0.01)
+"""Range of the target's height above the skin."""
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:

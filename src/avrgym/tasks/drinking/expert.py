@@ -26,9 +26,12 @@ CLEARANCE_M = 0.003
 POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
 """Offsets of the pouring edge from the middle of the mouth: in front of the mouth and above it. They are needed because
 slow water flows backwards."""
-CARRY_TILT_RAD, POUR_START_TILT_RAD, EMPTY_TILT_RAD = np.radians([45.0, 70.0, 92.0])
-"""Tilt during the approach (the robot's fingers are then below the chin), tilt below which no water pours, and tilt at
-which the cup is empty."""
+CARRY_TILT_RAD = np.radians(45.0)
+"""Tilt during the approach. The robot's fingers are then below the chin."""
+POUR_START_TILT_RAD = np.radians(70.0)
+"""Tilt below which no water pours."""
+EMPTY_TILT_RAD = np.radians(92.0)
+"""Tilt at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_TILT_RAD), 5)
 """Tilts at which an approach is checked."""

@@ -34,34 +34,49 @@ from avrgym.tasks.experts.head_clearance import face_direction
 from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 
-MIN_SPEED_M_S, RETREAT_SPEED_M_S = 0.02, 0.10
-"""Minimum speeds of a cup that approaches the lips, and of a cup that retreats from the lips."""
-POUR_START_DISTANCE_M, POUR_STOP_DISTANCE_M = 0.03, 0.05
-"""Distances to the lips below which pouring starts, and above which it stops."""
+MIN_SPEED_M_S = 0.02
+"""Minimum speed of a cup that approaches the lips."""
+RETREAT_SPEED_M_S = 0.10
+"""Minimum speed of a cup that retreats from the lips."""
+POUR_START_DISTANCE_M = 0.03
+"""Distance to the lips below which pouring starts."""
+POUR_STOP_DISTANCE_M = 0.05
+"""Distance to the lips above which pouring stops."""
 REST_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
-POUR_TILT_RAD, TILT_PER_PARTICLE_RAD = np.radians([89.5, 0.145])
-"""Tilt at which the last water reaches the rim, and reduction for each particle in the cup. Measured at 0.1 rad/s,
-within one degree at any filling."""
+POUR_TILT_RAD = np.radians(89.5)
+"""Tilt at which the last water reaches the rim. Measured at 0.1 rad/s."""
+TILT_PER_PARTICLE_RAD = np.radians(0.145)
+"""Reduction of the pouring tilt for each particle in the cup. The tilt is correct within one degree at any filling."""
 SPILL_MARGIN_RAD = float(np.radians(4.0))
 """Margin below the pouring tilt at which a moving cup spills nothing."""
-TILT_GAIN_PER_S, POUR_SPEED_RAD_S = 3.0, 0.03
-"""Gain of the approach to the pouring tilt, and tilt rate while pouring."""
-LOOK_AWAY_RAD, FAR_LOOK_AWAY_RAD, EXPECTED_FACE_RAD = np.radians([25.0, 33.0, 8.0])
-"""A face that is turned by more than the first angle looks away. While its angle increases from the first to the
-second, the angle at which it is expected to return decreases from the first to the third."""
+TILT_GAIN_PER_S = 3.0
+"""Gain of the approach to the pouring tilt."""
+POUR_SPEED_RAD_S = 0.03
+"""Tilt rate while pouring."""
+LOOK_AWAY_RAD = np.radians(25.0)
+"""A face that is turned by more than this angle looks away."""
+FAR_LOOK_AWAY_RAD = np.radians(33.0)
+"""Angle of a face that looks far away."""
+EXPECTED_FACE_RAD = np.radians(8.0)
+"""Angle at which a face is expected to return if it looks far away. If its angle decreases to ``LOOK_AWAY_RAD``, the
+expected angle increases to ``LOOK_AWAY_RAD``."""
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """A face looks away only if it has rotated by at least this angle since the start."""
 MAX_PENETRATION_M = 0.001
 """If the cup is farther than this past its goal, it retreats with at least ``RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
 """Additional standoff of a waiting cup."""
-LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M = 0.025, 0.042
-"""Lateral offset of the cup's reference point from its pouring point: default and maximum. A rotation about the cup's
-axis causes the offset and helps arms on the right to reach the mouth."""
-MIN_MIDPLANE_DISTANCE_M, MAX_LIP_OFFSET_M = 0.01, 0.04
-"""Minimum distance of the cup from the head's mid-plane, and maximum lateral offset from the lips to achieve this
-distance."""
+LATERAL_OFFSET_M = 0.025
+"""Default lateral offset of the cup's reference point from its pouring point.
+
+A rotation about the cup's axis causes the offset. The rotation helps arms on the person's right to reach the mouth."""
+MAX_LATERAL_OFFSET_M = 0.042
+"""Maximum lateral offset of the cup's reference point from its pouring point."""
+MIN_MIDPLANE_DISTANCE_M = 0.01
+"""Minimum distance of the cup from the head's mid-plane."""
+MAX_LIP_OFFSET_M = 0.04
+"""Maximum lateral offset of the cup from the lips."""
 TURN_COMPENSATION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))

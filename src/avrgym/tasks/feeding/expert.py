@@ -18,14 +18,21 @@ SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll i
 TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
 """Candidate spoon poses: yaw from the direction into the face, pitch, roll towards the lips, and height above the
 mouth."""
-PIECE_COST_S, FAILURE_COST_S, SHIFT_M = 3.0, 10.0, 0.001
-"""Cost of a piece that may remain outside the mouth, cost of failure, and margin for food that slides on the spoon."""
+PIECE_COST_S = 3.0
+"""Cost of a piece of food that may remain outside the mouth."""
+FAILURE_COST_S = 10.0
+"""Cost of failure."""
+SHIFT_M = 0.001
+"""Margin for food that slides on the spoon."""
 
 CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
-CLEARANCE_M, CLOSER_STEP_M, GENTLE_FORCE_N = 0.002, 0.0005, 4.0
-"""Initial clearance from the face. If too little food reaches the mouth, the spoon moves closer in small steps, until
-it touches the face with a small force."""
+CLEARANCE_M = 0.002
+"""Initial clearance of the spoon from the face."""
+CLOSER_STEP_M = 0.0005
+"""Step by which the spoon moves closer if too little food reaches the mouth."""
+GENTLE_FORCE_N = 4.0
+"""Contact force on the face at which the spoon moves no closer."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
 

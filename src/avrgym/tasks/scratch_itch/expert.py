@@ -28,16 +28,18 @@ NO_CONTACT_STEP_M = 0.004
 """Additional depth in each control step without contact."""
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
-DETOUR_COST_S, DETOUR_STEPS = 20.0, 50
-"""If a plan costs more than ``DETOUR_COST_S``, the tool first moves to a point in front of the wrist and above it.
-After ``DETOUR_STEPS`` control steps the expert plans again."""
+DETOUR_COST_S = 20.0
+"""If a plan costs more than this, the tool first moves to a point in front of the wrist and above it."""
+DETOUR_STEPS = 50
+"""Number of control steps of this detour. Then the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
-LOOP_HALF_AXES_M, LOOKAHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
-"""Half axes of the tip's elliptic path around the itch, along and across the limb, and the look-ahead angle on this
-path."""
+LOOP_HALF_AXES_M = np.array([0.014, 0.009])
+"""Half axes of the tip's elliptic path around the itch, along and across the limb."""
+LOOKAHEAD_RAD = np.radians(75.0)
+"""Look-ahead angle on this path."""
 
 
 class ForceControl(NamedTuple):

@@ -15,20 +15,29 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_
 
 Range = tuple[float, float]
 
-MAX_HAND_ANGLE_RAD, MAX_ROD_ANGLE_RAD = 1.2, 0.4
-"""Limits of the hand's angle to the skin normal, and of the rod's angle to the hand's direction."""
-CLEARANCE_FORWARD, CLEARANCE_UP, NORMAL_WEIGHT = -0.2, 0.2, 0.5
-"""The direction in which the hand has clearance: components forward and up, relative to a component of 1 to the
-person's right, and weight of the skin normal. See ``hand``."""
-SIDE_CHANGE_HEIGHT, SIDE_CHANGE_WIDTH = -0.35, 0.17
-"""Vertical component of the skin normal at which the hand changes from above to below the arm, and transition width."""
+MAX_HAND_ANGLE_RAD = 1.2
+"""Maximum angle of the hand to the skin normal."""
+MAX_ROD_ANGLE_RAD = 0.4
+"""Maximum angle of the rod to the hand's direction."""
+CLEARANCE_FORWARD, CLEARANCE_UP = -0.2, 0.2
+"""Direction in which the hand has clearance: components forward and up, relative to a component of 1 to the person's
+right."""
+NORMAL_WEIGHT = 0.5
+"""Weight of the skin normal in the hand's direction, see ``hand``."""
+SIDE_CHANGE_HEIGHT = -0.35
+"""Vertical component of the skin normal at which the hand changes from above to below the arm."""
+SIDE_CHANGE_WIDTH = 0.17
+"""Width of this transition."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
-FRONT_MAX_HAND_ANGLE_RAD, FRONT_MAX_ROD_ANGLE_RAD = 1.0, 0.2
-"""Direction with clearance for a hand in front of the person (``FRONT_W``, world frame), and the two angle limits of
-this hand."""
-INWARD_RANGE, NOT_DOWNWARD_RANGE = (0.6, 0.85), (-0.5, -0.3)
-"""Ranges of the skin normal's x and z components over which the hand changes to the front. The hand changes to the
-front for skin that faces the person's left and does not face down."""
+"""Direction with clearance for a hand in front of the person; world frame."""
+FRONT_MAX_HAND_ANGLE_RAD = 1.0
+"""``MAX_HAND_ANGLE_RAD`` for a hand in front of the person."""
+FRONT_MAX_ROD_ANGLE_RAD = 0.2
+"""``MAX_ROD_ANGLE_RAD`` for a hand in front of the person."""
+INWARD_RANGE = (0.6, 0.85)
+"""Range of the skin normal's x component over which the hand changes to the front, on skin that faces left."""
+NOT_DOWNWARD_RANGE = (-0.5, -0.3)
+"""Range of the skin normal's z component over which the hand changes to the front: skin that does not face down."""
 ROTATION_RANGE_RAD = (0.2, 0.6)
 """A hand in front of the person approaches the itch if the hand's remaining rotation is below the first value. Above
 the second value the hand waits in front of the wrist."""
@@ -39,11 +48,15 @@ MAX_LATERAL_OFFSET_M = 0.02
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
+"""Speed of the tip on the skin."""
 FORCE_CONTROL = expert.ForceControl(force_n=2.5, gain_m_n=0.0008, min_step_m=-0.006, max_step_m=0.001)
-"""Rubbing speed and force control. The depth increases slowly for a steady force, and decreases quickly."""
-MAX_LINK_FORCE_N, DRAW_BACK_M, DRAW_BACK_SPEED_M_S = 5.0, 0.03, 0.3
-"""Force of the links on the person above which the arm withdraws, distance of the withdrawal, and speed of the
-withdrawal."""
+"""Force control of the tip. The depth increases slowly and decreases quickly."""
+MAX_LINK_FORCE_N = 5.0
+"""Force of the links on the person above which the arm withdraws."""
+DRAW_BACK_M = 0.03
+"""Distance of this withdrawal."""
+DRAW_BACK_SPEED_M_S = 0.3
+"""Speed of this withdrawal."""
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
