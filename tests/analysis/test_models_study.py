@@ -255,7 +255,9 @@ def test_a_task_in_which_all_succeed_is_left_out_and_named() -> None:
     found, expected = rows(LOGISTIC, observed), rows(LOGISTIC, others)
     for row, other in zip(found, expected, strict=True):
         assert (row.estimate, row.p) == (other.estimate, other.p)
-        assert row.note.endswith(f"left out, because all their values are at the same end of the scale: {task}")
+        assert row.note.endswith(
+            f"left out, because all their values are at the same end of the scale: {task}"
+        )
 
 
 def test_effects_of_a_kind_are_corrected_together() -> None:
