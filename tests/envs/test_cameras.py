@@ -149,7 +149,10 @@ def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatc
     ("cameras", "message"),
     [
         (["head"], "unknown camera 'head'; Jaco has wrist, scene"),
-        (["wrist", "wrist:64x64:depth"], "cameras are wrist, wrist; allowed: each once"),
+        (
+            ["wrist", "wrist:64x64:depth"],
+            "cameras are wrist, wrist; allowed: each camera once, with all its kinds",
+        ),
         ("wrist", r"cameras is 'wrist'; allowed: a list, such as \['wrist'\]"),
         (["wrist:32x64"], "width_px of camera 'wrist' is 32; allowed: 64 to 640"),
         (["wrist:64x481"], "height_px of camera 'wrist' is 481; allowed: 64 to 480"),

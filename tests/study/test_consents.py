@@ -334,6 +334,8 @@ def before_the_archive(store: Store) -> None:
     with store.database.write() as connection:
         for table in ("link", "consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
+        for table in ("participant", "attempt"):
+            connection.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN input_profile"))
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '0008_log'"))
     store.close()
 

@@ -11,6 +11,7 @@ from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
+from avrgym.recording.input_profile import CONTROLLERS
 from avrgym.recording.reader import read_recording
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
@@ -116,6 +117,7 @@ def _facts(row: object) -> dict:
     facts = {name: value for name, value in values.items() if name not in made_anew}
     if isinstance(row, TrialAttempt):
         facts["metrics"] = (row.metrics.steps, row.metrics.reward, row.metrics.success)
+        facts["input_profile"] = row.input_profile or CONTROLLERS  # 0.2.0 had no input profiles
         del facts["torso_height_m"]  # 0.1.0 left it to the recordings
     return facts
 

@@ -24,6 +24,7 @@ from avrgym.vr.protocol.messages import (
     Body,
     Command,
     Entered,
+    Input,
     Language,
     Phase,
     Problem,
@@ -106,7 +107,7 @@ def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
     greeted.clear()
     watched.clear()
     loop.ask(loop.sessions.begin, first)
-    assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Body, Input, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
     with pytest.raises(StudyError, match="the session of sub-001 is running; end it first"):
         loop.ask(loop.sessions.begin, second)
@@ -115,8 +116,8 @@ def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
     assert (loop.sessions.participant, store.sessions(first)[0].state) == (None, "closed")
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
-    assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
-    assert [type(message) for message in watched] == 2 * [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Body, Input, Scene, Phase]
+    assert [type(message) for message in watched] == 2 * [Welcome, Language, Body, Input, Scene, Phase]
 
 
 def test_sessions_use_the_latest_furniture(store: Store, loop: Loop) -> None:
@@ -192,7 +193,7 @@ def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None
         loop.sessions.receive(Answer(item="strain", value=4, response_time_s=2.5), loop.now_s)
     loop.sessions.receive(Command(name="skip"), loop.now_s)
     loop.tick()
-    assert [type(message) for message in loop.inbox[-5:]] == [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in loop.inbox[-6:]] == [Welcome, Language, Body, Input, Scene, Phase]
     loop.sessions.receive(Command(name="end"), loop.now_s)
     loop.tick()
     assert asked(loop.inbox)[-1] == "effort"

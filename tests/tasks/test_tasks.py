@@ -52,7 +52,7 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         (
             {"offered": "foot"},
             ValueError,
-            "offered of task Feeding is 'foot'; allowed: 'mouth', 'arm', 'nothing'",
+            "offered of task Feeding is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
         ),
         ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a function"),
         ({"views": None}, TypeError, "views of task Feeding is None; allowed: a Views"),

@@ -39,6 +39,7 @@ from avrgym.vr.protocol.messages import (
     Body,
     Entered,
     Hello,
+    Input,
     Language,
     Message,
     Phase,
@@ -69,8 +70,8 @@ M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 60.0
 TYPES = (
-    "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, visibility_changed, recalibrate, "
-    "origin_reset, answer"
+    "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, robot_command, visibility_changed, "
+    "recalibrate, origin_reset, answer"
 )
 
 
@@ -420,11 +421,12 @@ def connected(server: LiveServer) -> bool:
 # What a client can do ----------------------------------------------------------------------------------------
 
 
-def test_the_first_messages_are_welcome_language_body_scene_and_phase(server: LiveServer) -> None:
+def test_the_first_messages_are_welcome_language_body_input_scene_and_phase(server: LiveServer) -> None:
     for _ in range(3):
         with participant(server) as client:
             assert isinstance(client.receive(), Language)
             assert isinstance(client.receive(), Body)
+            assert isinstance(client.receive(), Input)
             assert isinstance(client.receive(), Scene)
             phase = client.receive()
             assert isinstance(phase, Phase)
@@ -587,6 +589,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     with participant(server) as client:
         assert isinstance(client.receive(), Language)
         assert isinstance(client.receive(), Body)
+        assert isinstance(client.receive(), Input)
         assert isinstance(client.receive(), Scene)
         phase = client.receive()
         assert isinstance(phase, Phase)

@@ -170,7 +170,7 @@ def test_an_answer_that_cannot_be_stored_is_asked_again(
 def test_a_page_that_comes_back_shows_the_question(tmp_path: Path) -> None:
     visit = asked(tmp_path)
     reload(visit)
-    last = [type(each) for each in visit.inbox[-6:]]
+    last = [type(each) for each in visit.inbox[-7:]]
     assert last[0] is Welcome
     assert last[-2:] == [Phase, Question]
 

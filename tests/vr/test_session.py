@@ -398,8 +398,8 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.run_until("trial")
     back.send(Disconnected())
     back.session.welcome(back.inbox.append, "participant", back.now_s)
-    kinds = [type(message).__name__ for message in back.inbox[-5:]]
-    assert kinds == ["Welcome", "Language", "Body", "Scene", "Phase"]
+    kinds = [type(message).__name__ for message in back.inbox[-6:]]
+    assert kinds == ["Welcome", "Language", "Body", "Input", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
     back.calibrate()
     back.run_until("questionnaire")

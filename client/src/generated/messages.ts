@@ -16,6 +16,10 @@ export const STAGE_LABELS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": 
 
 export const FORCE_LIMITS_N: Readonly<Record<string, number>> = {"skull": 130.0, "face": 65.0, "neck": 150.0, "shoulders": 210.0, "chest": 140.0, "abdomen": 110.0, "pelvis": 180.0, "upper_arms": 150.0, "forearms": 160.0, "hands": 140.0, "thighs": 220.0, "lower_legs": 130.0};
 
+export type InputMethod = "controllers" | "experimenter" | "hands" | "head" | "left-hand" | "one-switch" | "right-hand" | "two-switches";
+
+export type StopWay = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
+
 export type ClientSource = "button" | "dwell" | "key" | "switch";
 
 export type WatcherSource = "caregiver" | "experimenter";
@@ -27,10 +31,6 @@ export type Part = "head" | "left" | "right";
 export type Sex = "man" | "woman";
 
 export type Arm = "left" | "right";
-
-export type InputMethod = "controllers" | "experimenter" | "hands" | "head" | "left-hand" | "one-switch" | "right-hand" | "two-switches";
-
-export type StopWay = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
 
 export type Vector3 = [number, number, number];
 
@@ -243,9 +243,9 @@ export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready 
 
 /** A command of the experimenter.
  *
- * `stop`: hold the robot immediately; the participant may repeat the trial. `pause`: as stop, and no trial starts
- * before `continue`. `repeat`: a new attempt at the trial. `skip`: go to the next trial. `end`: end the
- * session. `recalibrate`: calibrate the participant again. */
+ * `stop`: stop the robot immediately; the participant may repeat the trial. `pause`: stop the robot, and
+ * start no trial before `continue`. `repeat`: a new attempt at the trial. `skip`: go to the next
+ * trial. `end`: end the session. `recalibrate`: calibrate the participant again. */
 export interface Command {
   type: "command";
   name: CommandName;

@@ -11,7 +11,7 @@ from avrgym.cli.activity_log import log
 from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
-from avrgym.recording.input_profile import CONTROLLERS, METHODS, STOP_WAYS
+from avrgym.commands.input_names import METHODS, STOP_WAYS
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -267,6 +267,7 @@ def change_input(
     Options that are not given keep their values. A new method has its own default stop. During a session, use the
     dashboard instead.
     """
+    from avrgym.recording.input_profile import CONTROLLERS
     from avrgym.study.people.input_profiles import checked_profile, set_input_profile
     from avrgym.study.storage.store import Store
 
@@ -335,7 +336,7 @@ def preferences(
         typer.Option("--set", help="Change a preference, for example speed=0.5.", metavar="NAME=VALUE"),
     ] = None,
 ) -> None:
-    """Show or change a participant's preferences for the robot.
+    """Show or change a participant's preferences.
 
     Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands and sources. They apply in the
     conditions with preferences = true.

@@ -33,8 +33,8 @@ from avrgym.cli.terminal import (
     print_table,
     write_json,
 )
+from avrgym.commands.input_names import METHODS
 from avrgym.models.body_names import SEXES
-from avrgym.recording.input_profile import METHODS
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary
@@ -263,7 +263,7 @@ def confirm_participation(
         str, typer.Option(help="Evidence without names, such as a signed form and its place.")
     ],
 ) -> None:
-    """Confirm the consent of a participant after a rebuild.
+    """Confirm a participant's consent after a rebuild.
 
     After a rebuild, the state of some participants is unknown. Confirm those who consented and did not withdraw.
     """
@@ -320,7 +320,7 @@ def check(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Check that a study can run and its data are complete.
+    """Check that a study can run with complete data.
 
     The command loads all policies, and checks that stored data are complete and unchanged.
     """

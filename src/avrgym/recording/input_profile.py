@@ -12,14 +12,9 @@ from typing import Annotated, Literal, get_args
 import msgspec
 from msgspec import Meta
 
+from avrgym.commands.input_names import InputMethod, StopWay
 from avrgym.models.body_names import PART_LABELS, Part
 
-InputMethod = Literal[
-    "controllers", "hands", "left-hand", "right-hand", "head", "one-switch", "two-switches", "experimenter"
-]
-METHODS: tuple[InputMethod, ...] = get_args(InputMethod)
-StopWay = Literal["buttons", "palm", "gaze", "switch", "experimenter"]
-STOP_WAYS: tuple[StopWay, ...] = get_args(StopWay)
 Arm = Literal["left", "right"]
 ARMS: tuple[Arm, ...] = get_args(Arm)
 

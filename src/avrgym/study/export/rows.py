@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from avrgym.commands.input_names import METHODS
 from avrgym.models.human import SEXES
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.recording.input_profile import METHODS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES

@@ -10,6 +10,8 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
+from avrgym.commands.input_names import InputMethod as InputMethod
+from avrgym.commands.input_names import StopWay as StopWay
 from avrgym.commands.vocabulary import ClientSource, Source, WatcherSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
 from avrgym.models.body_names import Part
@@ -17,9 +19,7 @@ from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
 from avrgym.recording.input_profile import Arm as Arm
-from avrgym.recording.input_profile import InputMethod as InputMethod
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.input_profile import StopWay as StopWay
 
 PROTOCOL = 14
 
