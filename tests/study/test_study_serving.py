@@ -178,7 +178,7 @@ def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     loop.sessions.welcome(loop.inbox.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
-    assert [type(message) for message in loop.inbox[-4:]] == [Welcome, Language, Phase, Question]
+    assert [type(message) for message in loop.inbox[-5:]] == [Welcome, Language, Input, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
     for item, value, problem in (
         ("strain", 2, "the answer is to 'strain'; expected: nausea"),
