@@ -138,7 +138,7 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """SHA-256 hash of all numbers, without metadata, in hexadecimal."""
+        """SHA-256 hash of all parameters, without metadata, in hexadecimal."""
         digest = sha256()
         for name, array in _tensors(self).items():
             digest.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())

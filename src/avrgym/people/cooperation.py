@@ -151,8 +151,8 @@ def advance_time(state: CooperationState) -> CooperationState:
 
 
 def motor_state(state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool) -> MotorState:
-    """Returns the initial state of the motor model, from the uniform numbers of ``initial_state``. ``sways``: whether
-    people sway and have physiological tremor."""
+    """Returns the initial state of the motor model, from the random numbers that ``initial_state`` uses too. ``sways``:
+    whether people sway and have physiological tremor."""
     none, further = 0.0 * state.time_s, motor.low_digits(uniforms)
     rhythms = motor.rhythms_of(state.sway_rad, state.sway_hz, state.phase_rad, none, none, further[:, 4:6])
     return motor.initial_state(

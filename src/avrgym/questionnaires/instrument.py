@@ -12,7 +12,7 @@ DIGITS = 9
 
 
 class Response(NamedTuple):
-    """Response scale of an item. Its ``points`` answers have the values ``lowest``, ``lowest + step``, and so on."""
+    """Response scale of an item. Its ``points`` options have the values ``lowest``, ``lowest + step``, and so on."""
 
     points: int
     lowest: int

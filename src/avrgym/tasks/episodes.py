@@ -375,8 +375,8 @@ class Episodes:
         """Command people for the next control step.
 
         Args:
-            action: (N, K), the speed of each of ``offered_joints`` in [−1, 1], divided by the speed of unhurried
-                people. Values outside are clipped, and no joint exceeds its range.
+            action: (N, K), velocity of each of ``offered_joints`` relative to the speed of unhurried people. Values are
+                clipped to [−1, 1], and no joint exceeds its range.
         """
         self._people.command(action)
 

@@ -154,7 +154,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the families of model effects that a plan can name, each with its quantities."""
+    """Returns the test families of the statistical models that a plan can list. Each has its outcome quantities."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)

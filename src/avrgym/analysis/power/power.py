@@ -224,10 +224,10 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float
 ) -> int | None:
-    """Returns the smallest sufficient number of participants among the simulated numbers.
+    """Returns the smallest simulated sample size with enough power.
 
-    At this number and at all larger ones, corrected power is at least ``target_power``. ``None`` if no simulated number
-    is enough.
+    At this and all larger simulated sample sizes, corrected power is at least ``target_power``. ``None`` if no
+    simulated sample size is large enough.
     """
     own = sorted(
         (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),

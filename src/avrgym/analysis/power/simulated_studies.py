@@ -54,7 +54,7 @@ def midpoint(item: Item) -> float:
 
 
 class SimulatedStudies:
-    """Simulated studies of one design. Random values of study ``number`` do not depend on the effect.
+    """Simulated studies of one design. Study ``number`` has the same random values for every effect.
 
     A study with more participants contains the participants of a smaller study with the same ``number``.
     """

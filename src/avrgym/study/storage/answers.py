@@ -71,7 +71,9 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
-    """Store an answer to an item before or after a session. ``when``: required if both have the item.
+    """Store an answer to an item before or after a session.
+
+    ``when``: one of ``SESSION_MOMENTS``, required if the item is in both questionnaires.
 
     Raises:
         StudyError: for an invalid or second answer, or if the session is not open.

@@ -179,7 +179,7 @@ def read_identities(folder: Path) -> dict[str, Identity]:
 
 
 def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or replace an entry. Raises the errors of ``read_identities``. An unencrypted file is not encrypted."""
+    """Add or replace an entry. Raises the errors of ``read_identities``. An unencrypted file stays unencrypted."""
     create_if_missing(folder)
     path = identity_path(folder)
     if path.name == PLAIN:

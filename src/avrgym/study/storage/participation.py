@@ -68,7 +68,7 @@ class Participation:
 
     @cached_property
     def without_participant(self) -> Sequence[Content]:
-        """Contents about the list or the database, in order."""
+        """Returns the entries that concern no participant, in the order of the file."""
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property

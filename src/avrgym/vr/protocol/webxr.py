@@ -47,7 +47,7 @@ class Registration:
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
 
     def to_world(self, pose: XRPose) -> Pose:
-        """Transform the pose of a device to the world frame. The axes of the device do not change."""
+        """Transform the pose of a device to the world frame. The device keeps its axes (WebXR: y up, −z forward)."""
         x, y, z, w = pose.orientation
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 

@@ -25,7 +25,9 @@ WELD_DISTANCE_M = 1e-5
 
 @dataclass(frozen=True)
 class Bone:
-    """A body, or its swing; ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone."""
+    """A bone of the skin. It follows a body, or only the swing of the body's swing–twist decomposition.
+
+    ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone."""
 
     body: str
     swing: bool

@@ -86,7 +86,7 @@ class TrialWorlds:
         self._shown = None
 
     def mark_shown(self, url: str) -> None:
-        """Store that the client shows the scene with this address."""
+        """Record which scene the client shows, by its address."""
         if url == self.url:
             self._shown = self.number
 
