@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from avrgym.commands.input_names import InputMethod, StopWay
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
 from avrgym.recording.schema import Metrics
@@ -70,7 +71,7 @@ class Overview:
     experimenter: str
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
-    input_stops: Mapping[str, tuple[str, ...]]
+    input_stops: Mapping[InputMethod, tuple[StopWay, ...]]
     link: SessionLink | None
 
 

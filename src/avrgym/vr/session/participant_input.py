@@ -1,5 +1,9 @@
 """The participant's input during a session: their input profile, and selections by the experimenter."""
 
+from typing import Any
+
+import msgspec
+
 from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
@@ -20,7 +24,7 @@ class ParticipantInput:
 
     def message(self) -> messages.Input:
         """Returns the profile for the clients, with the ways to stop."""
-        values = {name: getattr(self.profile, name) for name in InputProfile.__struct_fields__}
+        values: dict[str, Any] = msgspec.structs.asdict(self.profile)
         return messages.Input(**values | {"stops": self.profile.stop_ways})
 
     def forward(self, message: messages.Offered | messages.Press, send: Send) -> None:
