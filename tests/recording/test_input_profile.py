@@ -6,12 +6,11 @@ from typing import Any
 import msgspec
 import pytest
 
+from avrgym.commands.input_names import METHODS, STOP_WAYS
 from avrgym.recording.input_profile import (
     ARMS,
-    METHODS,
     POSSIBLE_STOPS,
     RANGES,
-    STOP_WAYS,
     USED_ARMS,
     InputProfile,
     InputProfileError,

@@ -25,7 +25,8 @@ class ParticipantInput:
     def message(self) -> messages.Input:
         """Returns the profile for the clients, with the ways to stop."""
         values: dict[str, Any] = msgspec.structs.asdict(self.profile)
-        return messages.Input(**values | {"stops": self.profile.stop_ways})
+        values["stops"] = self.profile.stop_ways
+        return messages.Input(**values)
 
     def forward(self, message: messages.Offered | messages.Press, send: Send) -> None:
         """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.

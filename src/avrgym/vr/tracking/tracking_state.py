@@ -228,7 +228,7 @@ class TrackingState:
     def _ignore(self, profile: InputProfile) -> None:
         """Store the arms whose tracking is ignored in this tick."""
         never: set[Arm] = {*profile.resting_arms, *profile.absent_arms}
-        unused: list[Arm] = [arm for arm in ARMS if arm not in profile.used_arms]
-        ignored = frozenset(arm for arm in unused if arm in never or arm in self.untracked)
+        unused = frozenset(ARMS).difference(profile.used_arms)
+        ignored = unused.intersection(never.union(self.untracked))
         if ignored != self._ignored:
             self._ignored, self._pose = ignored, None
