@@ -64,7 +64,7 @@ export class Dashboard {
   private readonly shown = new Map<string, string>();
   private work = Promise.resolve();
   private readonly adverseEvent = new AdverseEventForm(element("adverse-event"));
-  private readonly input = new InputForm(element("input"));
+  private readonly input = new InputForm(element("input"), element<HTMLFormElement>("enrol").elements.namedItem("method") as HTMLSelectElement);
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));

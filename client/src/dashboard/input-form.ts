@@ -13,7 +13,12 @@ export class InputForm {
   private stops: Readonly<Record<string, string[]>> = {};
   private shown = "";
 
-  constructor(private readonly form: HTMLFormElement) {
+  /** `methods` offers the same methods in the form for enrolment. */
+  constructor(
+    private readonly form: HTMLFormElement,
+    methods: HTMLSelectElement,
+  ) {
+    this.method.append(...(methods.cloneNode(true) as HTMLSelectElement).options);
     this.method.addEventListener("change", () => this.offerStops(this.stops[this.method.value]!.slice(0, 1)));
   }
 

@@ -9,7 +9,7 @@ interface Stage {
   segment: Segment | null;
 }
 
-/** The answers to a question on the page: buttons; for long scales a slider, or segments for who does not point. */
+/** The answers to a question on the page: buttons; for long scales a slider, or segments without a pointer. */
 export class AnswerScale {
   /** Whether the last answer came from the keyboard; then the next question receives the focus. */
   byKeyboard = false;

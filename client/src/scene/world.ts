@@ -127,7 +127,7 @@ export class World {
     this.content?.setFirstPerson(inside);
   }
 
-  /** The angle by which the participant leans back in the seat or bed. */
+  /** The participant's angle of leaning back in the seat or bed. */
   get reclineRad(): number {
     const [w, x] = this.newest?.skeleton.hips_q_w ?? [1, 0];
     return 2 * Math.atan2(Math.abs(x), w);

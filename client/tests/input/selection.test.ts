@@ -31,7 +31,7 @@ describe("a dwell", () => {
     expect(times.filter((ms) => dwell.look(5, ms) === 5)).toEqual([1000]);
   });
 
-  it("is cancelled by leaving, and begins anew on return", () => {
+  it("is cancelled by leaving, and restarts on return", () => {
     const dwell = new Dwell(1000);
     dwell.look(5, 0);
     dwell.look(5, 900);

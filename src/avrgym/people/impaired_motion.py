@@ -130,7 +130,7 @@ def _follow(
     signs: MotorSigns, state: ImpairedState, goal: FloatArray, step_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Returns executed angles and speeds (N, 20). Ataxic joints are second-order systems; other joints reach the goal
-    at once, within their maximum speed."""
+    immediately, within their maximum speed."""
     xp, ataxic = namespace(goal), signs.damping_ratio < 1.0
     substeps = max(1, round(step_s / INTEGRATION_STEP_S))
     substep_s = step_s / substeps

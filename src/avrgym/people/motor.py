@@ -83,7 +83,7 @@ _PHYSIOLOGICAL = np.array(
 _NOISE_PHASE = (
     2.0 * np.pi * GOLDEN_RATIO_FRACTION * np.arange(len(JOINTS) * len(NOISE_HZ)).reshape(len(JOINTS), -1)
 )
-"""Phases (20, 3) by which the noise of joints differs."""
+"""Phases (20, 3) of the noise; they differ between joints."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def initial_state(
 
 
 def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
-    """Returns the state with new goals (N, 20). ``startled`` is a mask (N,) of people who move at once and fast."""
+    """Returns the state with new goals (N, 20). ``startled`` is a mask (N,) of people who move immediately and fast."""
     xp, speed = namespace(goal_rad), constant_like(SPEED_RAD_S, goal_rad)
     factor, follow = state.pace, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:

@@ -30,7 +30,7 @@ STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
 CLEARANCE_M = 0.002
 """Initial clearance of the spoon from the face."""
 CLOSER_STEP_M = 0.0005
-"""Step by which the spoon moves closer if too little food reaches the mouth."""
+"""Distance that the spoon moves closer if too little food reaches the mouth."""
 GENTLE_FORCE_N = 4.0
 """Contact force on the face at which the spoon moves no closer."""
 SPOON_RADIUS_M = 0.05
