@@ -72,18 +72,18 @@ def main() -> None:
 
 def train_all() -> None:
     """Train or continue every policy."""
-    from avrgym.learning import training
+    from avrgym.learning import configuration, training
 
     for run in RUNS:
         if _name(run, run.people) in read(FIGURES_FILE):
             continue
         out = UNDER_WAY / run.name
-        if (out / training.CONFIGURATION_FILE).exists():
+        if configuration.contains_training(out):
             policy = training.resume(out)
         else:
             steps = STEPS[find_environment(run.environment)[0]]
             policy = training.train(
-                training.configuration_for(run.environment, run.people, steps, run.seed), out
+                configuration.configuration_for(run.environment, run.people, steps, run.seed), out
             )
         measured = policy.metadata.measured
         add(FIGURES_FILE, _name(run, run.people), {figure: measured.get(figure) for figure in FIGURES})

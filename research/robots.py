@@ -31,10 +31,10 @@ FIGURES = (
 
 
 class PoseRecorder:
-    """Calls ``placed_start`` and stores its arguments."""
+    """Calls ``find_start`` and stores its arguments."""
 
     def __init__(self) -> None:
-        self._placed_start = placement.placed_start
+        self._placed_start = placement.find_start
         self.arguments: tuple[Any, ...] = ()
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
@@ -51,11 +51,11 @@ def reach(environment: str) -> dict[str, float]:
     """
     episodes = Episodes(environment, STARTS, people=PEOPLE, num_threads=1)
     recorder, worlds = PoseRecorder(), np.arange(STARTS)
-    placement.placed_start, original = recorder, placement.placed_start
+    placement.find_start, original = recorder, placement.find_start
     try:
         episodes._draw(worlds, [random_streams.episode(world) for world in worlds.tolist()])
     finally:
-        placement.placed_start = original
+        placement.find_start = original
     _, _, _, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, _ = recorder.arguments
     chain, joints = placement.arm_chain(episodes.scene), episodes.simulation.joint_positions()
     to_base = transforms.invert(*episodes.simulation.robot_base())

@@ -18,7 +18,7 @@ from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
     clustered_wilson_interval,
     energy_test,
-    holm,
+    holm_correction,
     rank_sum,
     signed_rank,
     significance_stars,
@@ -75,7 +75,7 @@ def test_holm_of_fifteen_endpoints() -> None:
         0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528, 0.7590,
         1.0000,
     ]  # fmt: skip
-    adjusted = holm(published)
+    adjusted = holm_correction(published)
     assert [p < 0.05 for p in adjusted if p is not None] == [True] * 3 + [False] * 12
     assert adjusted[:4] == pytest.approx([15 * 0.0001, 14 * 0.0004, 13 * 0.0019, 12 * 0.0095])
 
@@ -214,9 +214,9 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
 
 
 def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.04, None, 0.9]) == [0.08, None, 0.9]
-    assert holm([]) == []
+    assert holm_correction([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm_correction([0.04, None, 0.9]) == [0.08, None, 0.9]
+    assert holm_correction([]) == []
     assert [significance_stars(p) for p in (0.0005, 0.005, 0.03, 0.05, None)] == ["***", "**", "*", "", ""]
 
 

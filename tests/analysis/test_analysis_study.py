@@ -17,7 +17,7 @@ from avrgym.analysis.outcomes.outcomes import outcome_tests
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.plan import required_tests
 from avrgym.analysis.statistics.comparisons import PARTICIPANT, Comparison, Question, corrected_family
-from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm, signed_rank
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm_correction, signed_rank
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
@@ -261,7 +261,7 @@ def test_success_is_compared_with_the_middle_by_participant(tables: dict[str, Fr
 def test_families_are_corrected_by_holm(tables: dict[str, Frame]) -> None:
     for _, family in tables["tests"].groupby(["simulated", "family"]):
         given = [None if np.isnan(p) else p for p in family["p"]]
-        expected = [np.nan if p is None else p for p in holm(given)]
+        expected = [np.nan if p is None else p for p in holm_correction(given)]
         assert np.allclose(family["p_holm"], expected, equal_nan=True, atol=1e-15)
 
 

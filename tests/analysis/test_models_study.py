@@ -22,7 +22,7 @@ from avrgym.analysis.models.estimate import FitError
 from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, estimate_effects
 from avrgym.analysis.models.models import ModelGroup, ModelRow, group_rows, model_groups, trial_positions
 from avrgym.analysis.reading.rows import AttemptRow
-from avrgym.analysis.statistics.tests import holm
+from avrgym.analysis.statistics.tests import holm_correction
 from avrgym.study.design.allocation import plan_trials
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.tasks.registry import find_environment
@@ -265,7 +265,7 @@ def test_effects_of_a_kind_are_corrected_together() -> None:
     found = rows(ORDINAL, simulated_answers(design, 8, 0), design)
     own = [row for row in found if row.effect == POLICIES]
     assert len(own) == 3
-    assert [row.p_holm for row in own] == holm([row.p for row in own])
+    assert [row.p_holm for row in own] == holm_correction([row.p for row in own])
 
 
 def test_long_scales_are_taken_for_numbers() -> None:

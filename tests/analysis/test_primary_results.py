@@ -24,7 +24,7 @@ from avrgym.analysis.statistics.comparisons import (
     corrected_family,
 )
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
-from avrgym.analysis.statistics.tests import holm, rank_sum, signed_rank, t_interval
+from avrgym.analysis.statistics.tests import holm_correction, rank_sum, signed_rank, t_interval
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
 from inference import any_star, imagined
@@ -127,7 +127,7 @@ def test_the_joint_correction_is_that_of_all_choices_of_signs(people: int, rng: 
     own = [{str(person): value for person, value in enumerate(test)} for test in given.tolist()]
     plain = [signed_rank(test).p for test in given]
     found = sign_flip_p_values(own)
-    for p, least, most in zip(found, plain, holm(plain), strict=True):
+    for p, least, most in zip(found, plain, holm_correction(plain), strict=True):
         assert (p is None) == (least is None)
         if p is not None and least is not None and most is not None:
             assert least - 1e-12 <= p <= most + 1e-12

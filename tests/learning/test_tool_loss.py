@@ -77,7 +77,7 @@ def test_a_rollout_contains_arm_angles_with_an_expert():
         )
         for first in (0, 2)
     ]
-    joined = Rollout.joined(parts)
+    joined = Rollout.concatenate(parts)
     entries = observation_of(ENVIRONMENT)
     names = [entry.name for entry in entries.entries]
     end = int(entries.ends[names.index("arm_angles_rad")])

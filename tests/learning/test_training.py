@@ -22,7 +22,7 @@ from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hype
 from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.ppo import Agent, export_policy, make_ppo
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out, worlds_of
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
     Progress,
@@ -385,7 +385,7 @@ def test_rollouts_do_not_depend_on_the_parts(sizes):
     by_expert = np.array([True, False, False, True, False])
     for how in ({"noise_seed": (3, 400)}, {"expert_drives": by_expert}):
         whole, parts = (
-            Rollout.joined([roll_out(policy, request) for request in requests_of(split, how)])
+            Rollout.concatenate([roll_out(policy, request) for request in requests_of(split, how)])
             for split in ((5,), sizes)
         )
         for field in fields(Rollout):
@@ -472,7 +472,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
     guards = []
 
     def worlds(*arguments, **named):
-        made = worlds_of(*arguments, **named)
+        made = cached_worlds(*arguments, **named)
         guards.append(made.loop.guard)
         return made
 

@@ -18,7 +18,7 @@ from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.page import DATA_TAG, ReplayedTrial, write_page
-from avrgym.replay.timeline import aligned, timeline_of
+from avrgym.replay.timeline import align_starts, timeline_of
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import WATCH_SCENES
 from helpers.vr.visit import Visit, plan
@@ -176,7 +176,7 @@ def test_a_page_names_session_policy_and_versions(page_file: Path) -> None:
 
 def test_trials_are_aligned_where_the_robot_begins(trial: ReplayedTrial, feeding: Path) -> None:
     other = trial_of_file(feeding)
-    first, second = aligned([trial.timeline, other.timeline])
+    first, second = align_starts([trial.timeline, other.timeline])
     begin_s = [next(h.time_s for h in each.events if h.kind == "trial") for each in (first, second)]
     assert begin_s[0] == pytest.approx(begin_s[1])
     later_s = first.seconds - trial.timeline.seconds

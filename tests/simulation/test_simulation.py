@@ -242,7 +242,7 @@ def pressed(scene) -> Simulation:
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_START_M])}
     level, uniforms = SPOON_Q_W[None], np.full((1, placement.NUM_UNIFORMS), 0.5)
-    start = placement.placed_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
+    start = placement.find_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
         now = simulation.state().joint_positions

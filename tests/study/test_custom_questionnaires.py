@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.statistics.tests import holm
+from avrgym.analysis.statistics.tests import holm_correction
 from avrgym.analysis.study import analyse
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
@@ -226,7 +226,7 @@ def test_each_questionnaire_is_a_family_of_tests(out: Path) -> None:
         own = tests[tests["family"] == family]
         assert list(own["quantity"]) == items
         given = [None if pd.isna(p) else p for p in own["p"]]
-        expected = [None if p is None else pytest.approx(p, abs=1e-15) for p in holm(given)]
+        expected = [None if p is None else pytest.approx(p, abs=1e-15) for p in holm_correction(given)]
         assert [None if pd.isna(p) else p for p in own["p_holm"]] == expected
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.study.checking import rebuilding
-from avrgym.study.checking.checks import check_strays
+from avrgym.study.checking.checks import check_stray_files
 from avrgym.study.checking.database_checks import check_database
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.rebuilding import RebuildSummary, rebuild_study
@@ -90,7 +90,7 @@ def states(folder: Path) -> dict[str, str]:
 
 def wrong(folder: Path) -> dict[str, str]:
     with Store(folder) as store:
-        checks = (check_database, check_participation, check_strays)
+        checks = (check_database, check_participation, check_stray_files)
         return {each.where: each.message for check in checks for each in check(store) if each.is_error}
 
 

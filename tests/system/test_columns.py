@@ -5,7 +5,7 @@ from typing import Annotated
 
 import pytest
 
-from avrgym.system.columns import NUMBER, TEXT, TIME, TRUTH, Column, columns_of
+from avrgym.system.columns import BOOLEAN, NUMBER, TEXT, TIME, Column, columns_of
 
 
 @dataclass
@@ -22,7 +22,7 @@ def test_type_and_unit_follow_from_the_annotation() -> None:
         "name": Column("The name.", TEXT),
         "time_s": Column("When it was.", NUMBER, "s", "", "never"),
         "share": Column("A share.", NUMBER, "1", "0 to 1"),
-        "counted": Column("Whether it counts.", TRUTH, "", "true, false"),
+        "counted": Column("Whether it counts.", BOOLEAN, "", "true, false"),
         "at": Column("The time.", TIME),
     }
 

@@ -249,7 +249,7 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
     uniforms = np.random.default_rng(0).random((1, TASK.num_uniforms))
-    start = placement.placed_start(
+    start = placement.find_start(
         scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms
     )
     simulation = Simulation(scene, 1, num_threads=1)

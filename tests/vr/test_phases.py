@@ -249,14 +249,14 @@ def test_a_torso_height_may_be_corrected_while_the_scene_loads(tmp_path: Path) -
 def test_a_failure_while_the_scene_loads_is_forgotten_when_a_trial_is_stored_late(tmp_path: Path) -> None:
     stored, failures, trials = [True], [OSError("the database is gone")], plan(seeds=(1, 2))
 
-    def is_stored() -> bool:
+    def kept() -> bool:
         if visit.phase == "loading" and visit.loads_scenes and failures:
             raise failures.pop()
         return stored[0]
 
     visit = Visit(tmp_path, trials)
     visit.session = Session(
-        trials, constant_policies(trials), tmp_path, visit.inbox.append, "x", kept=is_stored
+        trials, constant_policies(trials), tmp_path, visit.inbox.append, "x", is_stored=kept
     )
     visit.go_to("loading")
     visit.loads_scenes = True

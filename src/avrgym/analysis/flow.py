@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from avrgym.analysis.page.drawing import INK, STYLE, Drawing, finish_figure
+from avrgym.analysis.page.drawing import STYLE, TEXT_COLOUR, Drawing, finish_figure
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant
@@ -232,9 +232,9 @@ def _box_height(lines: Sequence[str]) -> float:
 
 def _box(axes: Axes, x: float, y: float, width: float, lines: Sequence[str]) -> None:
     tall = _box_height(lines)
-    axes.add_patch(Rectangle((x, y), width, tall, fill=False, edgecolor=INK, linewidth=0.8))
+    axes.add_patch(Rectangle((x, y), width, tall, fill=False, edgecolor=TEXT_COLOUR, linewidth=0.8))
     axes.text(x + 0.1, y + tall / 2, "\n".join(lines), fontsize=8, va="center", linespacing=1.2)
 
 
 def _arrow(axes: Axes, begin: tuple[float, float], end: tuple[float, float]) -> None:
-    axes.annotate("", end, begin, arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.8})
+    axes.annotate("", end, begin, arrowprops={"arrowstyle": "-|>", "color": TEXT_COLOUR, "linewidth": 0.8})

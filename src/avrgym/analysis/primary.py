@@ -30,13 +30,13 @@ from avrgym.analysis.statistics.comparisons import (
     SECONDARY,
     SENSITIVITY,
     SUPPLEMENT,
-    TOO_FEW,
+    TOO_FEW_PARTICIPANTS,
     TRIAL,
     ComparisonRow,
     Family,
 )
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
-from avrgym.analysis.statistics.tests import holm, significance_stars
+from avrgym.analysis.statistics.tests import holm_correction, significance_stars
 from avrgym.study.plan.plan import Plan
 
 Place = tuple[int, int]
@@ -129,7 +129,7 @@ def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list
     paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
     others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
     parts = bool(paired) + any(p is not None for p in others)
-    found = [None if p is None else min(1.0, parts * p) for p in holm(others)]
+    found = [None if p is None else min(1.0, parts * p) for p in holm_correction(others)]
     joint = sign_flip_p_values([tests[at][1] for at in paired])
     for at, p in zip(paired, joint, strict=True):
         found[at] = None if p is None else min(1.0, parts * max(p, tests[at][0] or 0.0))
@@ -230,7 +230,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
     """Yields notes about tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
-    if any(row.note == TOO_FEW for row in rows):
+    if any(row.note == TOO_FEW_PARTICIPANTS for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."
     elif number := _most_participants(rows):
         minimum = 2.0 / 2.0**number

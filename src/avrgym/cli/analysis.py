@@ -7,7 +7,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, write_json
+from avrgym.cli.terminal import JsonFile, check_json, print_line, report_errors, write_json
 from avrgym.study.storage.analysis_files import FOLDER
 
 
@@ -31,7 +31,7 @@ def analyze(
     from avrgym.study.storage.store import Store
 
     place = out or folder / FOLDER
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         check_json(json_file)
         check_output_folder(place)
         with progress_bar("reading recordings", unit="recordings") as bar:

@@ -7,15 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.options import Engine, chosen_environments
+from avrgym.cli.options import Engine, select_environments
 from avrgym.cli.progress import duration, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
-    plain_errors,
     print_line,
     print_skipped,
     print_table,
+    report_errors,
     write_json,
 )
 from avrgym.policies.names import CHOICES
@@ -45,7 +45,7 @@ def bench_sim(
         with progress_bar(f"measuring {environment}", RUNS, "runs") as bar:
             return asdict(measure_simulation(environment, num_envs, bar.advance, engine))
 
-    with plain_errors():
+    with report_errors():
         _tabulate(env, not env, row, json_file)
 
 
@@ -92,7 +92,7 @@ def bench_vr(
         with progress_bar(environment):
             return asdict(measure_vr(environment, seconds, policy))
 
-    with plain_errors():
+    with report_errors():
         rows = _tabulate(env, not env, row, json_file, shown=_brief)
         print_table([stage for each in rows for stage in _stages(each)])
 
@@ -136,7 +136,7 @@ def _tabulate(
     check_json(json_file)
     rows: list[Row] = []
     failed: list[Exception] = []
-    for environment in chosen_environments(environments, every):
+    for environment in select_environments(environments, every):
         try:
             rows.append(row(environment))
         except expected_errors(environment) as error:

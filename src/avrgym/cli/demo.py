@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import Seed
-from avrgym.cli.terminal import plain_errors, print_line
+from avrgym.cli.terminal import print_line, report_errors
 
 
 def demo(
@@ -20,7 +20,7 @@ def demo(
     """
     from avrgym.demo import run_demo
 
-    with plain_errors():
+    with report_errors():
         result = run_demo(_unused_folder(out), seed, lambda text: print_line(f"  {text}"))
     for recording in result.recordings:
         print_line(f"recorded  {recording}")

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import typer
 
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, write_json
+from avrgym.cli.terminal import JsonFile, check_json, print_line, report_errors, write_json
 
 
 def doctor(json_file: JsonFile = None) -> None:
@@ -23,7 +23,7 @@ def doctor(json_file: JsonFile = None) -> None:
         if finding.fix:
             print_line(f"{'':8} {'':{width}}  → {finding.fix}")
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         found: list[tuple[str, Finding]] = []
         for name, finding in run_checks():

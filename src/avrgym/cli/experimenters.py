@@ -6,7 +6,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
+from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
 from avrgym.vr.server.addresses import PORT
 
 Name = Annotated[str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")]
@@ -21,7 +21,7 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     from avrgym.study.storage.audit_log import ADD_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         token = add(store, name)
         log(store, ADD_EXPERIMENTER, detail=name)
     print_line(f"token     {token} (shown only once)")
@@ -35,7 +35,7 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.people.experimenters import list_experimenters
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with Store(folder) as store:
             rows: list[dict[str, Any]] = [
@@ -58,7 +58,7 @@ def revoke_experimenter(folder: Folder, name: Name) -> None:
     from avrgym.study.storage.audit_log import REVOKE_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         revoke(store, name)
         log(store, REVOKE_EXPERIMENTER, detail=name)
     print_line(f"the token of {name} is revoked")

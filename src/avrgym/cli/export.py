@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, SceneSettings, Seed
-from avrgym.cli.terminal import plain_errors, print_line
+from avrgym.cli.terminal import print_line, report_errors
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
@@ -26,7 +26,7 @@ def export_policy(
     from avrgym.policies.registry import find
     from avrgym.policies.trained import Policy
 
-    with plain_errors():
+    with report_errors():
         found = find(policy, env)
         if not isinstance(found, Policy):
             raise ValueError(
@@ -63,7 +63,7 @@ def export_scene(
     from avrgym.tasks.episodes import Episodes
     from avrgym.tasks.settings import parse_settings
 
-    with plain_errors():
+    with report_errors():
         if usd and find_spec("pxr") is None:
             raise ValueError("--usd needs usd-core; run `pip install avrgym[usd]`")
         check_new_folder(out)

@@ -21,19 +21,19 @@ from avrgym.cli.options import (
     SceneSettings,
     Seed,
     WithdrawAfterSuccess,
-    chosen_environments,
-    on_cluster,
+    cluster_connection,
+    select_environments,
 )
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
-    plain_errors,
     print_line,
     print_regions,
     print_skipped,
     print_table,
+    report_errors,
     warn,
     write_json,
 )
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from avrgym.learning import training
     from avrgym.learning.configuration import AnyConfiguration
 
-OMITTED = (
+OMITTED_METRICS = (
     "force_regions",
     "settings",
     "steps",
@@ -110,7 +110,7 @@ def envs(json_file: JsonFile = None) -> None:
     print_table(rows)
     for reason in skipped_plugins():
         print_line(f"skipped {reason}")
-    with plain_errors():
+    with report_errors():
         write_json(json_file, rows)
 
 
@@ -213,7 +213,7 @@ def train(
     from avrgym.tasks.registry import find_environment
     from avrgym.tasks.settings import parse_settings
 
-    with plain_errors():
+    with report_errors():
         find_environment(env)
         if help_config:
             print_line(hyperparameters_text(env))
@@ -263,7 +263,7 @@ def train(
             }
             configuration = _configuration(env, seed, recipe, config, options)
         with (
-            on_cluster(cluster, jobs) as workers,
+            cluster_connection(cluster, jobs) as workers,
             _progress(env, configuration.total_steps, folder, recipe) as report,
         ):
             if resume:
@@ -410,7 +410,7 @@ def fit_people(
     """
     from avrgym.analysis.fit_people import fit_people, write_people
 
-    with plain_errors():
+    with report_errors():
         with progress_bar("reading recordings", unit="recordings") as bar:
             fit = fit_people(study, bar.show)
         write_people(fit, out)
@@ -480,14 +480,14 @@ def evaluate(
     from avrgym.tasks.placement_check import excess_draws
     from avrgym.tasks.settings import parse_settings
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
-        chosen = chosen_environments(env, all_environments)
+        chosen = select_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
         groups = people or ([*POPULATION_NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * episode_steps
         with (
-            on_cluster(cluster, jobs) as workers,
+            cluster_connection(cluster, jobs) as workers,
             progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar,
         ):
             metrics = evaluate_each(
@@ -514,7 +514,7 @@ def evaluate(
         if cross_play:
             print_table(matrix(metrics))
         else:
-            print_table([{name: row[name] for name in row if name not in OMITTED} for row in rows])
+            print_table([{name: row[name] for name in row if name not in OMITTED_METRICS} for row in rows])
         if regions:
             print_regions({_title(row): row["force_regions"] for row in rows})
         write_json(json_file, rows)

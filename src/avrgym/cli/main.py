@@ -12,7 +12,7 @@ from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
 from avrgym.cli.sweep import sweep
-from avrgym.cli.terminal import plain_errors
+from avrgym.cli.terminal import report_errors
 from avrgym.system.mujoco_setup import check_rendering_backend
 
 app = Program(
@@ -28,7 +28,7 @@ app = Program(
 @app.callback()
 def begin() -> None:
     """Set up the program before every command."""
-    with plain_errors():
+    with report_errors():
         check_rendering_backend()
 
 

@@ -9,7 +9,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import plain_errors, print_line, print_table
+from avrgym.cli.terminal import print_line, print_table, report_errors
 
 KEY_ADVICE = "Store a copy of it outside the study: without it the names are lost, but no other data."
 
@@ -19,7 +19,7 @@ def names(folder: Folder) -> None:
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         unlock(folder)
         known = identity_file.read_identities(store.folder)
         log(store, "read names")
@@ -48,7 +48,7 @@ def encrypt_names(
     from avrgym.study.people.identities import encrypt_names as encrypt
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         unlock(folder)
         was_plain = encrypt(store, (lambda: _new_passphrase(folder)) if passphrase else None)
         log(store, "encrypt names")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.terminal import plain_errors, print_line
+from avrgym.cli.terminal import print_line, report_errors
 
 if TYPE_CHECKING:
     from avrgym.skeletons.writing import Kind
@@ -48,7 +48,7 @@ def controller(name: Name, out: Out = None) -> None:
 def _write(kind: "Kind", name: str, out: Path | None) -> None:
     from avrgym.skeletons.writing import distribution, write_skeleton
 
-    with plain_errors():
+    with report_errors():
         for path in write_skeleton(kind, name, out):
             print_line(f"written   {path}")
     folder = out or Path(distribution(name))

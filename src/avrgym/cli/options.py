@@ -58,7 +58,7 @@ Cluster = Annotated[
 ]
 
 
-def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
+def select_environments(environments: list[str] | None, every: bool) -> list[str]:
     """Returns the named environments, or all environments if ``every`` is true.
 
     Raises:
@@ -76,7 +76,7 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
 
 
 @contextmanager
-def on_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
+def cluster_connection(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
     """Context manager: yields a connection to the Ray cluster at ``address``, or ``None`` without an address.
 
     Raises:

@@ -78,7 +78,7 @@ def record_adverse_event(
         "began_at": None if began is None else began.astimezone().isoformat(),
     }
     given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         report = adverse_events.Report(**_as_known(store, participant, follow_up) | given)
         number = adverse_events.record_adverse_event(
             store, participant, report, follows=follow_up, recorded_by=by or account_actor().name
@@ -127,7 +127,7 @@ def adverse_events(
     from avrgym.study.people.adverse_events import SOURCES, safety_events
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with Store(folder) as store:
             rows = [
@@ -172,7 +172,7 @@ def retention(
     from avrgym.study.people.retention import DATA_NAMES, delete_due, describe_due, schedule, today
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with Store(folder) as store:
             day = today()
@@ -214,7 +214,7 @@ def participant_data(
     from avrgym.study.storage.identity_file import named_pseudonyms
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         unlock(folder)
         number = write_participant_data(store, participant, out)
         log(store, "export", participant, detail="data of the participant")
@@ -236,7 +236,7 @@ def data_protection(folder: Folder) -> None:
     from avrgym.study.plan.data_protection import write_data_protection
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         for path in write_data_protection(store):
             print_line(f"draft     {path}")
 
@@ -309,7 +309,7 @@ def functioning(folder: Folder, participant: Pseudonym) -> None:
     from avrgym.study.people.participants import participant_texts
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         texts = participant_texts(store, store.participant(participant))
         levels: dict[str, str] = {}
         for question, text in QUESTIONS.items():

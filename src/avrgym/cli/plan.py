@@ -14,9 +14,9 @@ from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
-    plain_errors,
     print_line,
     print_table,
+    report_errors,
     write_json,
 )
 
@@ -71,7 +71,7 @@ def freeze(
     from avrgym.study.plan.preregistration import write_preregistration
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         if form is not None:
             print_line(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
         elif timestamp is not None or registered is not None:
@@ -176,7 +176,7 @@ def power(
     from avrgym.study.design.design import FILE, read_design
     from avrgym.system.jobs import cores
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         design = read_design(study / FILE if study.is_dir() else study)
         assumptions = Assumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)

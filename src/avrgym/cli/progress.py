@@ -16,7 +16,7 @@ LINE_INTERVAL_S = 10.0
 SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
 """Time between samples of the rate, and the time window of its average."""
 NOTHING_WRITTEN = "nothing was written; run the same command again"
-CONTINUES = "finished work is stored; the same command continues"
+SAME_COMMAND_CONTINUES = "finished work is stored; the same command continues"
 Clock = Callable[[], float]
 
 

@@ -12,10 +12,10 @@ from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
-    plain_errors,
     print_line,
     print_regions,
     print_table,
+    report_errors,
     write_json,
 )
 from avrgym.vr.server.addresses import PORT
@@ -77,7 +77,7 @@ def replay(
     Without options, the command serves a page that shows the trial in a browser. Options verify the recording, show
     forces, or write a page, a video or pictures.
     """
-    with plain_errors():
+    with report_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out must be given together, such as --frames 4 --out strip.png")
         if json_file is not None and verify == regions:

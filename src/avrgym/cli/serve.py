@@ -21,7 +21,7 @@ from avrgym.cli.options import (
     SceneSettings,
     Seed,
 )
-from avrgym.cli.terminal import plain_errors, print_line, warn
+from avrgym.cli.terminal import print_line, report_errors, warn
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR, PREFERRED
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -138,7 +138,7 @@ def serve(
     from avrgym.vr.server.certificate import certificate_for, lan_names
     from avrgym.vr.server.live_server import LiveServer
 
-    with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
+    with report_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
         if body not in SEXES:
             raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
         furniture = partial(
@@ -404,7 +404,7 @@ def view(
     from avrgym.vr.server.live_server import LiveServer
 
     with (
-        plain_errors(),
+        report_errors(),
         LiveServer(
             lambda send: EnvironmentViewer(
                 env,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.cli.activity_log import log
-from avrgym.cli.progress import CONTINUES, progress_bar
+from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
-    plain_errors,
     print_line,
     print_table,
+    report_errors,
     write_json,
 )
 
@@ -48,16 +48,16 @@ def merge(
     from avrgym.study.storage.store import Store
 
     notes: list[str] = []
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
-        with progress_bar("comparing recordings", unit="recordings", stopped=CONTINUES) as bar:
+        with progress_bar("comparing recordings", unit="recordings", stopped=SAME_COMMAND_CONTINUES) as bar:
             sites = merge_studies(
                 folders,
                 out,
                 accept_differences=accept_differences,
                 skip_damaged=skip_damaged,
                 progress=bar.show,
-                tell=notes.append,
+                report=notes.append,
             )
         if any(site.rows_written or site.recordings_copied or site.participants_deleted for site in sites):
             with Store(out) as merged:

@@ -9,7 +9,7 @@ import typer
 from avrgym.cli.activity_log import log
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.names import encrypt_names, names, print_key, unlock
-from avrgym.cli.options import PEOPLE, Cluster, Impairment, on_cluster
+from avrgym.cli.options import PEOPLE, Cluster, Impairment, cluster_connection
 from avrgym.cli.participant_records import (
     adverse_events,
     change_input,
@@ -21,16 +21,16 @@ from avrgym.cli.participant_records import (
     retention,
 )
 from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power
-from avrgym.cli.progress import CONTINUES, progress_bar
+from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
 from avrgym.cli.sites import merge, print_sites
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
     confirm,
-    plain_errors,
     print_line,
     print_table,
+    report_errors,
     write_json,
 )
 from avrgym.commands.input_names import METHODS
@@ -54,7 +54,7 @@ def new(folder: Folder) -> None:
     """
     from avrgym.study.storage.store import create_study
 
-    with plain_errors():
+    with report_errors():
         path = create_study(folder)
     print_line(f"design    {path}")
 
@@ -86,7 +86,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with Store(folder) as store:
             summary = summarise_study(store)
@@ -146,7 +146,7 @@ def enrol(
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
         first = not identity_file.identity_path(folder).exists()
@@ -178,7 +178,7 @@ def consent(folder: Folder, participant: Pseudonym) -> None:
     """
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         person = store.participant(participant)
         if person.must_reconsent(store.design.consent.version):
             if not _ask_again(store, person):
@@ -249,7 +249,7 @@ def withdraw(
     from avrgym.study.people.participants import withdraw as end_participation
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         end_participation(store, participant, reason)
         log(store, "withdraw", participant)
     print_line(f"{participant} has withdrawn")
@@ -270,7 +270,7 @@ def confirm_participation(
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         state = confirm_by(store, participant, evidence)
     print_line(f"{participant} is {state}; `check` and the report state that the experimenter confirmed it")
 
@@ -296,11 +296,11 @@ def simulate(
     from avrgym.study.sessions.simulation import simulate_study
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with (
-            on_cluster(cluster, jobs) as workers,
-            progress_bar("simulating", unit="trials", stopped=CONTINUES) as bar,
+            cluster_connection(cluster, jobs) as workers,
+            progress_bar("simulating", unit="trials", stopped=SAME_COMMAND_CONTINUES) as bar,
         ):
             simulate_study(folder, participants, seed, bar.show, jobs, people, impairment, workers)
         with Store(folder) as store:
@@ -327,7 +327,7 @@ def check(
     from avrgym.study.checking.database_checks import fix_permissions as fix
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         with Store(folder) as store:
             if fix_permissions:
@@ -355,7 +355,7 @@ def rebuild(folder: Folder) -> None:
     from avrgym.study.checking.rebuilding import rebuild_study
     from avrgym.study.storage.store import Store
 
-    with plain_errors():
+    with report_errors():
         rebuilt = rebuild_study(folder)
         with Store(folder) as store:
             log(store, "rebuild")
@@ -412,7 +412,7 @@ def export(
 
     left_out: list[str] = []
     with (
-        plain_errors(),
+        report_errors(),
         Store(folder) as store,
         progress_bar("verifying recordings", unit="recordings") as bar,
     ):
@@ -424,7 +424,7 @@ def export(
             extras=Extras(free_text, health),
             cameras=camera or (),
             progress=bar.show,
-            tell=left_out.append,
+            report=left_out.append,
         )
         log(store, "export", detail=data_format, shows_results=True)
     for why in left_out:
@@ -447,7 +447,7 @@ def delete_participant(
     from avrgym.study.people.deletion import delete_participant as delete
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         delete(store, participant)
         log(store, "delete participant", participant)
     print_line(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import Cluster, on_cluster
+from avrgym.cli.options import Cluster, cluster_connection
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_line, print_table, write_json
+from avrgym.cli.terminal import Jobs, JsonFile, check_json, print_line, print_table, report_errors, write_json
 
 
 def sweep(
@@ -33,7 +33,7 @@ def sweep(
     Every combination of seeds, recipes, people and environments is trained. Early stopping is optional. Needs
     `avrgym[train,cluster]`.
     """
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
         if resume == (file is not None) or (resume and out is None):
             raise ValueError(
@@ -47,7 +47,10 @@ def sweep(
         steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
         again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}
-        with on_cluster(cluster, jobs), progress_bar("trainings", steps, "steps", stopped=again) as bar:
+        with (
+            cluster_connection(cluster, jobs),
+            progress_bar("trainings", steps, "steps", stopped=again) as bar,
+        ):
 
             def report(name: str, steps_made: int) -> None:
                 made[name] = steps_made

@@ -38,7 +38,7 @@ Jobs = Annotated[
 
 
 @contextmanager
-def plain_errors() -> Generator[None]:
+def report_errors() -> Generator[None]:
     """Context manager: print a user error as one line and exit with code 1."""
     try:
         yield

@@ -15,9 +15,9 @@ from pettingzoo import ParallelEnv
 from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.single import check_render_mode, info_of, metadata_of, spaces_of
-from avrgym.envs.vector_conventions import check_length, plain_seed
+from avrgym.envs.vector_conventions import check_length, python_seed
 from avrgym.models.human import Person, as_person
-from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
@@ -99,7 +99,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """Start an episode. Returns observations and infos by agent. A seed gives the same episode as with
         ``gym.make``. Without a seed, the random stream continues."""
         if seed is not None or self._random is None:
-            self._random, _ = seeding.np_random(plain_seed(seed))
+            self._random, _ = seeding.np_random(python_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
         self.episodes.reset(np.array([0]), [self._random])
         self.close()
@@ -160,6 +160,6 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         shape = self.action_spaces[agent].shape
         assert shape is not None
         try:
-            return checked_actions(action, shape)
+            return validate_actions(action, shape)
         except ValueError as error:
             raise ValueError(f"{agent}: {error}") from None

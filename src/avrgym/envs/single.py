@@ -12,11 +12,11 @@ from gymnasium.error import ResetNeeded
 from avrgym.array_types import Float32Array
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.specs import SerializableSpec
-from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, plain_seed
+from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, python_seed
 from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, Observed, as_cameras, image_entries
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
@@ -107,7 +107,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
         """Start an episode. Returns the first observation and info. Without a seed, the random stream continues."""
-        super().reset(seed=plain_seed(seed))
+        super().reset(seed=python_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
         self.close_camera()
@@ -127,7 +127,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             raise ResetNeeded(
                 f"no episode is running; call reset() to start one of {self.max_episode_steps} steps"
             )
-        step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
+        step = self.episodes.step(validate_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
         return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, info_of(step)
 

@@ -22,14 +22,14 @@ from avrgym.envs.vector_conventions import (
     check_length,
     final_infos,
     infos,
+    merge_steps,
     reset_mask,
-    select_worlds,
 )
 from avrgym.models.cameras import STATE, AnyCamera, Observed, as_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
-from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
@@ -161,7 +161,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._check_running()
         same_step, ended = self.autoreset_mode is AutoresetMode.SAME_STEP, self._ended
         assert self.action_space.shape is not None
-        step = self.episodes.step(checked_actions(actions, self.action_space.shape, ignored=ended))
+        step = self.episodes.step(validate_actions(actions, self.action_space.shape, ignored=ended))
         self._now = step
         self._steps += 1
         truncated = (self._steps == self.max_episode_steps) & ~ended
@@ -209,7 +209,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 self._views.pop(world).close()
         self.episodes.reset(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.evaluate_state()
-        self._now = start if self._now is None else select_worlds(which, start, self._now)
+        self._now = start if self._now is None else merge_steps(which, start, self._now)
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:

@@ -46,7 +46,7 @@ class RandomStreams:
         if seed is None:
             return [None] * count
         if isinstance(seed, Iterable):
-            wanted = [plain_seed(each) for each in seed]
+            wanted = [python_seed(each) for each in seed]
             if len(wanted) != count:
                 raise ValueError(f"{len(wanted)} seeds; allowed: one number, or a list of {count}")
             return wanted
@@ -69,7 +69,7 @@ def check_length(steps: object) -> None:
         check_count("max_episode_steps", steps)
 
 
-def plain_seed(seed: int | np.integer | None) -> int | None:
+def python_seed(seed: int | np.integer | None) -> int | None:
     """Returns a seed as Python's int, because Gymnasium rejects NumPy's."""
     return int(seed) if isinstance(seed, np.integer) else seed
 
@@ -91,7 +91,7 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     return mask
 
 
-def select_worlds(which: BoolArray, some: Step, others: Step) -> Step:
+def merge_steps(which: BoolArray, some: Step, others: Step) -> Step:
     """Combine two steps: ``some`` in the worlds of the mask ``which`` (N,), ``others`` in all other worlds."""
     terms = {name: _where(which, term, others.reward_terms[name]) for name, term in some.reward_terms.items()}
     parts: dict[str, Any] = {

@@ -54,7 +54,7 @@ def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: An
     return xp.asarray(np.frombuffer(numbers, kind).reshape(shape).copy(), dtype=dtype, device=device)
 
 
-def moved_to(values: AnyArray, array: AnyArray) -> AnyArray:
+def to_device_of(values: AnyArray, array: AnyArray) -> AnyArray:
     """Returns a host array, or a dataclass of arrays, in the library and on the device of ``array``.
 
     Floating-point numbers get the data type of ``array``.
@@ -62,7 +62,7 @@ def moved_to(values: AnyArray, array: AnyArray) -> AnyArray:
     if isinstance(array, _NUMPYS):
         return values
     if is_dataclass(values) and not isinstance(values, type):
-        return replace(values, **{name: moved_to(each, array) for name, each in vars(values).items()})
+        return replace(values, **{name: to_device_of(each, array) for name, each in vars(values).items()})
     if not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)

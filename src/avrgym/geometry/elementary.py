@@ -199,7 +199,7 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 
 @cache
-def fingerprint_of_c_library() -> str:
+def c_library_fingerprint() -> str:
     """Returns a hash (eight hexadecimal digits) of the rounding of the C library's functions that MuJoCo uses."""
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)

@@ -329,7 +329,7 @@ def solve_with_restarts(
             break
         spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
         start = seed_pose + RESTART_SPREAD_RAD * chain.units * (2.0 * spread - 1.0)
-        best = keep_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
+        best = replace_if_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
     return wrap_angles(chain, best.joint_positions)
 
 
@@ -338,7 +338,7 @@ def is_accurate(solution: Solution) -> BoolArray:
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
-def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
+def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     """Returns ``old`` (N,) with ``rows`` replaced by ``new`` (rows,) if the residual error of ``new`` is smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]

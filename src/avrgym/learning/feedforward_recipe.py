@@ -28,7 +28,7 @@ from avrgym.learning.hyperparameters import IMITATION
 from avrgym.learning.imitation import Demonstration, Demonstrations, fit
 from avrgym.learning.normaliser import ObservationScales, observation_of
 from avrgym.learning.recipe import Update
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out_all, worlds_of
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out_all
 from avrgym.learning.rsl_rl_ppo import DevicePPO, libraries
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
@@ -126,7 +126,9 @@ class FeedforwardRecipe:
         self._policy_update: ppo.PolicyUpdate = ppo.update_on_host
         if configuration.engine != THREADS:
             self._policy_update = DevicePPO(configuration)
-            worlds_of(self._settings[configuration.engine], configuration.num_envs)  # fails without memory
+            cached_worlds(
+                self._settings[configuration.engine], configuration.num_envs
+            )  # fails without memory
         self._agents = _agents(configuration, out)
         self._demonstrations = Demonstrations(out, Demonstration)
         self._hard = HardEpisodes(configuration.num_envs, configuration.hard_share, configuration.seed)
@@ -253,7 +255,7 @@ class FeedforwardRecipe:
             for worlds in self._parts
         ]
         parts = self._roll_out_parts(policies, requests)
-        return [Rollout.joined([*of_agent]) for of_agent in zip(*parts, strict=True)]
+        return [Rollout.concatenate([*of_agent]) for of_agent in zip(*parts, strict=True)]
 
     def _count_update(self) -> None:
         steps = self.steps + self._configuration.update_steps

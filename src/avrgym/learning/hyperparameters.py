@@ -134,7 +134,7 @@ TRAINING_STEPS = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imitation:
+class ImitationHyperparameters:
     """Hyperparameters of imitation by a feed-forward policy. After each round, Adam minimises the squared error of
     actions over the demonstrations of all rounds."""
 
@@ -153,7 +153,7 @@ class Imitation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recurrent:
+class RecurrentHyperparameters:
     """Hyperparameters of a recurrent policy (``--recipe adaptive``): imitation, then PPO.
 
     PPO's learning rate after imitation is low: with a higher rate the policy loses the imitated behaviour.
@@ -165,7 +165,7 @@ class Recurrent:
     imitation_share: float = 0.25
     """Default share of imitation updates in all updates."""
     expert_share: float = 0.7
-    """As in ``Imitation``."""
+    """As in ``ImitationHyperparameters``."""
     imitation_sequences: int = 32
     """Episodes in a minibatch of imitation."""
     gradient_steps: int = 40
@@ -174,7 +174,7 @@ class Recurrent:
     imitation_learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
-    """As in ``Imitation``."""
+    """As in ``ImitationHyperparameters``."""
     imitation_max_grad_norm: float = 1.0
 
     learning_rate: float = 3e-5
@@ -210,13 +210,13 @@ class Recurrent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Visual:
+class VisualHyperparameters:
     """Hyperparameters of a policy with vision, which imitates a teacher (``--recipe visual``)."""
 
     episode_steps: int = 32
     """Control steps of each episode in training. In 95 % of episodes, the teacher feeds the person within 23 steps."""
     expert_share: float = 0.5
-    """As in ``Imitation``."""
+    """As in ``ImitationHyperparameters``."""
     noise_std: float = 0.3
     """Standard deviation of the noise on the teacher's actions."""
     action_weight: float = 2.0
@@ -228,12 +228,12 @@ class Visual:
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     last_lr_decay: float = 0.01
-    """As in ``Imitation``."""
+    """As in ``ImitationHyperparameters``."""
 
 
-IMITATION = Imitation()
-RECURRENT = Recurrent()
-VISUAL = Visual()
+IMITATION = ImitationHyperparameters()
+RECURRENT = RecurrentHyperparameters()
+VISUAL = VisualHyperparameters()
 
 
 def hyperparameters_of(environment: str) -> Hyperparameters:

@@ -58,7 +58,7 @@ class Demonstrations(Generic[D]):
         """
         self.rounds = [self._read(self._file(number)) for number in range(rounds)]
 
-    def joined(self, name: str, axis: int = 0) -> Float32Array:
+    def concatenate(self, name: str, axis: int = 0) -> Float32Array:
         """Returns the array ``name`` of all rounds, concatenated along an axis."""
         return np.concatenate([getattr(each, name) for each in self.rounds], axis=axis)
 
@@ -78,9 +78,9 @@ def fit(
 ) -> None:
     """Fit the actor's mean actions to all demonstrations by least squares. The last round has more epochs."""
     model, normaliser = agent
-    observed = demonstrations.joined("observations")
+    observed = demonstrations.concatenate("observations")
     observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(observed)), dtype=torch.float32)
-    actions = torch.as_tensor(demonstrations.joined("actions"))
+    actions = torch.as_tensor(demonstrations.concatenate("actions"))
     actor = model.policy
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
     optimizer = torch.optim.Adam(parameters, IMITATION.learning_rate)

@@ -10,7 +10,7 @@ import torch
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import moved_to, namespace, to_numpy
+from avrgym.geometry.arrays import namespace, to_device_of, to_numpy
 from avrgym.learning.rollouts import Rollout
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.registry import task_and_scene
@@ -65,7 +65,7 @@ class Normaliser:
         """Returns observations (…, O) in standard deviations from the mean, clipped, single precision."""
         xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
-        scaled = (obs - moved_to(self.obs_rms.mean, obs)) / moved_to(deviation, obs)
+        scaled = (obs - to_device_of(self.obs_rms.mean, obs)) / to_device_of(deviation, obs)
         return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def update_observations(self, rollout: Rollout) -> None:
@@ -83,7 +83,7 @@ class Normaliser:
             discounted = discounted * self._gamma + reward
             returns.append(discounted)
         _update(self.ret_rms, xp.stack(returns).reshape(-1))
-        scaled = rewards / moved_to(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
+        scaled = rewards / to_device_of(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
         return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
 
     def state(self) -> dict[str, Any]:

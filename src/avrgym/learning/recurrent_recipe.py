@@ -53,7 +53,7 @@ class ArmDemonstration(Demonstration):
     joint_positions: Float32Array
 
 
-def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
+def load_teacher_and_initial(configuration: RecurrentConfiguration) -> dict[str, Policy]:
     """Returns the configured teacher and initial policy, by the file names of their copies in the training's folder.
 
     Raises:
@@ -211,7 +211,7 @@ class RecurrentRecipe:
             for partner, worlds in zip(partners, parts, strict=True)
             if len(worlds)
         ]
-        rollout = Rollout.joined([roll_out(policy, request) for request in requests])
+        rollout = Rollout.concatenate([roll_out(policy, request) for request in requests])
         self._ppo.update(
             torch.as_tensor(self._normaliser.normalize_obs(rollout.observations)),
             torch.as_tensor(rollout.actions),
@@ -254,7 +254,7 @@ class RecurrentRecipe:
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
         """Fit the network to all demonstrations with ``tool_loss``. The last round has more gradient steps."""
         observed, actions, joint_positions = (
-            self._demonstrations.joined(name, axis=1)
+            self._demonstrations.concatenate(name, axis=1)
             for name in ("observations", "actions", "joint_positions")
         )
         observations, actions = (

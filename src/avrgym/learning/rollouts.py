@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
-from avrgym.geometry.arrays import moved_to, namespace, to_numpy
+from avrgym.geometry.arrays import namespace, to_device_of, to_numpy
 from avrgym.policies.actors import Actor, DeviceActor
 from avrgym.policies.trained import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
@@ -103,7 +103,7 @@ class Rollout:
     joint_positions: Float32Array | None = None
 
     @classmethod
-    def joined(cls, parts: list["Rollout"]) -> "Rollout":
+    def concatenate(cls, parts: list["Rollout"]) -> "Rollout":
         """Combine rollouts of different worlds into one."""
         if len(parts) == 1:
             return parts[0]
@@ -145,7 +145,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     """
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0
-    worlds = worlds_of(request.settings, count, human_actions=len(policies) > 1, by_region=by_region)
+    worlds = cached_worlds(request.settings, count, human_actions=len(policies) > 1, by_region=by_region)
     generators = [random_streams.training_episode(int(seed)) for seed in request.episode_seeds]
     first = worlds.reset(np.arange(count), generators)
     xp: Any = namespace(first)
@@ -227,7 +227,7 @@ class _Agent:
         self.rewards: list[Any] = []
         numpy = self._xp is np
         self._actor = Actor(policy, len(request.episode_seeds)) if numpy else DeviceActor(policy, first)
-        self._noise = moved_to(policy.action_std * _noise(policy, noise, request), first)
+        self._noise = to_device_of(policy.action_std * _noise(policy, noise, request), first)
         self.observe(first)
 
     def observe(self, observation: Any) -> None:
@@ -285,7 +285,7 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def worlds_of(
+def cached_worlds(
     settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
     """Returns the worlds of a request. They are cached for two numbers of worlds: parts of an update have at most two

@@ -117,9 +117,9 @@ def train(
     _check_unused(out)
     _check(configuration, configuration.people, cluster)
     recurrent = isinstance(configuration, RecurrentConfiguration)
-    copied = recurrent_recipe.given_policies(configuration) if recurrent else {}
+    copied = recurrent_recipe.load_teacher_and_initial(configuration) if recurrent else {}
     if isinstance(configuration, VisualConfiguration):
-        copied = {visual_recipe.TEACHER_FILE: visual_recipe.given_teacher(configuration)}
+        copied = {visual_recipe.TEACHER_FILE: visual_recipe.load_teacher(configuration)}
     if Path(configuration.people).is_dir() and is_trained(configuration.people):
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ class VisualDemonstration(Demonstration):
     images: NumpyArray
 
 
-def given_teacher(configuration: VisualConfiguration) -> Policy:
+def load_teacher(configuration: VisualConfiguration) -> Policy:
     """Returns the teacher.
 
     Raises:
@@ -190,9 +190,9 @@ class VisualRecipe:
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
         """Train the network on all demonstrations, with more gradient steps in the last round."""
-        rows = self._normalised(self._demonstrations.joined("observations"))
-        actions = torch.as_tensor(self._demonstrations.joined("actions")).clamp(-1.0, 1.0)
-        images = torch.as_tensor(self._demonstrations.joined("images"))
+        rows = self._normalised(self._demonstrations.concatenate("observations"))
+        actions = torch.as_tensor(self._demonstrations.concatenate("actions")).clamp(-1.0, 1.0)
+        images = torch.as_tensor(self._demonstrations.concatenate("images"))
         true = rows[:, self._estimated]
         steps, decay = (
             (VISUAL.last_gradient_steps, VISUAL.last_lr_decay)

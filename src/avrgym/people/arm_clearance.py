@@ -24,22 +24,22 @@ class Boxes:
     half_size_m: FloatArray
 
 
-JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
+CONNECTED_PAIRS = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
 """Pairs of neighbouring capsules. They overlap in every pose with a hanging arm."""
 
-PAIRS = tuple(
+CHECKED_PAIRS = tuple(
     (part, other)
     for part in RIGHT_ARM
     for other in GEOMS
     if other not in RIGHT_ARM
-    if (part, other) not in JOINED
+    if (part, other) not in CONNECTED_PAIRS
 )
 """Pairs of an arm capsule and another body capsule that must not touch."""
 
 _NAMES = tuple(GEOMS)
 _ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM])
-_PART = np.array([_NAMES.index(part) for part, _ in PAIRS])
-_OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
+_PART = np.array([_NAMES.index(part) for part, _ in CHECKED_PAIRS])
+_OTHER = np.array([_NAMES.index(other) for _, other in CHECKED_PAIRS])
 
 
 def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:

@@ -134,16 +134,16 @@ class TrainedHumans:
             actions[rows] = policy.act(observations[rows], [self._noise[row] for row in rows.tolist()])
         return actions
 
-    def saved(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """Returns the state that changes during an episode."""
         return {
             "human": self._human.copy(),
             "noise": [generator.bit_generator.state for generator in self._noise],
         }
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a state from ``saved``."""
-        self._human = saved["human"].copy()
-        self._noise = [random_streams.trained_human_noise(0.0) for _ in saved["noise"]]
-        for generator, state in zip(self._noise, saved["noise"], strict=True):
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restore a state from ``snapshot``."""
+        self._human = snapshot["human"].copy()
+        self._noise = [random_streams.trained_human_noise(0.0) for _ in snapshot["noise"]]
+        for generator, state in zip(self._noise, snapshot["noise"], strict=True):
             generator.bit_generator.state = state

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import moved_to, namespace
+from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.policies.trained import Policy, PolicyError
 
 
@@ -57,11 +57,11 @@ class DeviceActor:
 
     def __init__(self, policy: Policy, exemplar: Any) -> None:
         """Convert the policy to the library, device and precision of the array ``exemplar``."""
-        self._mean = moved_to(policy.observation_mean, exemplar)
-        self._deviation = moved_to(policy.observation_deviation, exemplar)
+        self._mean = to_device_of(policy.observation_mean, exemplar)
+        self._deviation = to_device_of(policy.observation_deviation, exemplar)
         self._clip = policy.observation_clip
-        self._weights = [moved_to(weight, exemplar) for weight in policy.weights]
-        self._biases = [moved_to(bias, exemplar) for bias in policy.biases]
+        self._weights = [to_device_of(weight, exemplar) for weight in policy.weights]
+        self._biases = [to_device_of(bias, exemplar) for bias in policy.biases]
 
     def mean(self, observations: Any) -> Any:
         """Returns mean actions (N, A) for observations (N, O)."""

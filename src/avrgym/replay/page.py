@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
-from avrgym.replay.timeline import Timeline, aligned, render_recorded
+from avrgym.replay.timeline import Timeline, align_starts, render_recorded
 from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.server.web_server import STATIC, check_page
@@ -75,7 +75,7 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
 
 def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
     recordings = [trial.recording for trial in trials]
-    timelines = aligned([trial.timeline for trial in trials])
+    timelines = align_starts([trial.timeline for trial in trials])
     scenes = [_scene_number(recording, recordings) for recording in recordings]
     return Packed(
         step=POSE_RESOLUTION,

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from avrgym.envs.rendering import Camera
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
-from avrgym.replay.playback import ComparedState, Playback, driven_span_s, movement_end_s, title
+from avrgym.replay.playback import ComparedState, Playback, control_span_s, movement_end_s, title
 from avrgym.system.files import write_atomically
 
 Picture = NDArray[np.uint8]
@@ -26,7 +26,7 @@ VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
 FRAMES_PER_S = 25
 GIF_FRAMES_PER_S = 10
 CAPTION_PX = 40
-INK, PAPER = (20, 50, 58), (255, 255, 255)
+TEXT_COLOUR, PAPER_COLOUR = (20, 50, 58), (255, 255, 255)
 PICTURE_SUFFIXES = (".png", ".jpg")
 
 
@@ -101,14 +101,14 @@ def draw_strip(
         The time of each picture, in seconds from the start of the motion.
     """
     check_new_file(out, PICTURE_SUFFIXES)
-    begins_s, ends_s = driven_span_s(recording)
+    begins_s, ends_s = control_span_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
     drawn = [
         _titled(picture, f"{moment.time_s - begins_s:.1f} s")
         for moment, picture in _pictures(recording, times_s, FRAMES_PX, first_person, progress)
     ]
     strip = Image.fromarray(np.concatenate(drawn, axis=1))
-    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER)
+    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER_COLOUR)
     sheet.paste(strip, (0, CAPTION_PX))
     _write(sheet, (10, CAPTION_PX // 2), title(recording), "lm")
     check_new_file(out, PICTURE_SUFFIXES)
@@ -122,7 +122,7 @@ def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
     """Yield pictures at a constant rate up to the questionnaire. The next state replaces a missing state."""
-    begins_s, _ = driven_span_s(recording)
+    begins_s, _ = control_span_s(recording)
     times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
         yield _subtitled(picture, title(recording), moment, begins_s)
@@ -168,7 +168,7 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
 
 def _titled(picture: Picture, text: str) -> Picture:
     """Returns the picture with a caption below it."""
-    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER)
+    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER_COLOUR)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
     return np.asarray(sheet)
@@ -178,7 +178,7 @@ def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> 
     """Returns the picture with the trial's title and state at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
-    band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)
+    band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER_COLOUR)
     sheet.paste(band, (0, height - CAPTION_PX))
     middle = height - CAPTION_PX // 2
     _write(sheet, (16, middle), text, "lm")
@@ -190,4 +190,4 @@ def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> 
 
 def _write(sheet: Image.Image, place: tuple[int, int], text: str, anchor: str) -> None:
     font = ImageFont.load_default(20)
-    ImageDraw.Draw(sheet).text(place, text, INK, font, anchor=anchor)
+    ImageDraw.Draw(sheet).text(place, text, TEXT_COLOUR, font, anchor=anchor)

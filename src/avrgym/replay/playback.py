@@ -212,7 +212,7 @@ def movement_end_s(recording: Recording) -> float:
     return next(starts, recording.duration_s)
 
 
-def driven_span_s(recording: Recording) -> tuple[float, float]:
+def control_span_s(recording: Recording) -> tuple[float, float]:
     """Returns the start and end time of the robot's control steps in seconds.
 
     Without control steps, returns 0 and ``movement_end_s``.

@@ -86,7 +86,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
     return timeline, b"".join(frames)
 
 
-def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
+def align_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
     """Delay timelines until all robots start at the same time. Returns the delayed timelines."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)

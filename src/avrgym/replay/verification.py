@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.elementary import fingerprint_of_c_library
+from avrgym.geometry.elementary import c_library_fingerprint
 from avrgym.recording.configuration import Versions
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
@@ -113,7 +113,7 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
         complete=recording.complete,
         recorded_with=recorded_with,
         same_versions=recorded_with == versions(),
-        same_rounding=recording.configuration.c_library == fingerprint_of_c_library(),
+        same_rounding=recording.configuration.c_library == c_library_fingerprint(),
         plugin_differences=changed_plugins(recording),
         differences=list(found.differences.values()),
     )

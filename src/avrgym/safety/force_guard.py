@@ -101,14 +101,14 @@ class ForceGuard(PerWorldState):
         region = BODY_REGIONS[most]
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
-    def saved(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """Returns the whole state on which the next steps depend."""
-        return super().saved() | {"approach": self._approach.saved()}
+        return super().snapshot() | {"approach": self._approach.snapshot()}
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
-        super().restore(saved)
-        self._approach.restore(saved["approach"])
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
+        super().restore(snapshot)
+        self._approach.restore(snapshot["approach"])
 
     def _decide(self) -> FloatArray:
         """The actions for the coming physics step; called once for each step."""
@@ -142,7 +142,7 @@ class ForceGuard(PerWorldState):
     def _retract(self) -> FloatArray:
         """Actions (N, A) towards the latest waypoint, at the joints' speed limits. Reached waypoints are deleted."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
-        steps = self._simulation.share_toward(waypoint, PHYSICS_STEP_S)
+        steps = self._simulation.speeds_toward(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)
         reached = self.retracting & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached

@@ -11,14 +11,14 @@ class PerWorldState:
 
     STATE: ClassVar[tuple[str, ...]]
 
-    def saved(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """Returns the whole state on which the next steps depend."""
         return {name: getattr(self, name).copy() for name in self.STATE}
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
         for name in self.STATE:
-            setattr(self, name, saved[name].copy())
+            setattr(self, name, snapshot[name].copy())
 
     def _clear(self, ids: IntArray) -> None:
         """Set the rows of worlds ``ids`` (n,) to zero, in new arrays."""

@@ -101,8 +101,8 @@ class Withdrawal(PerWorldState):
             )
         return self._retreats[world]
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
-        super().restore(saved)
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
+        super().restore(snapshot)
         self._retreats.clear()
         self._actions = None

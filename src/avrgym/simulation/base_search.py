@@ -147,7 +147,7 @@ def _solve_starts(
         again = _solve_within_reach(
             chain, pos[rows], q[rows], starts[rows % per_world], START_ITERATIONS, START_TOLERANCE_M
         )
-        arms = kinematics.keep_better(arms, again, rows)
+        arms = kinematics.replace_if_better(arms, again, rows)
     return arms
 
 

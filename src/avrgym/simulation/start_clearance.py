@@ -14,7 +14,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import collision_bits, human
 from avrgym.models.collision_bits import CollisionBits
 from avrgym.models.human import RIGHT_ARM
-from avrgym.people.arm_clearance import PAIRS
+from avrgym.people.arm_clearance import CHECKED_PAIRS
 
 Clearances = dict[tuple[int, int], float]
 """Minimum distance of two geoms in metres, by their ids."""
@@ -194,7 +194,7 @@ def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool) -> C
     if offered:
         kept_free = _geoms(model, collision_bits.NO_COLLISION)
         clearances |= _pairs(_parts(model, RIGHT_ARM), [*furniture, *kept_free], 0.0)
-        clearances |= _named_pairs(model, PAIRS, 0.0)
+        clearances |= _named_pairs(model, CHECKED_PAIRS, 0.0)
     return clearances
 
 

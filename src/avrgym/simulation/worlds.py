@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry import elementary, kinematics, transforms
-from avrgym.geometry.arrays import constant_like, float_copy, moved_to, namespace, to_numpy
+from avrgym.geometry.arrays import constant_like, float_copy, namespace, to_device_of, to_numpy
 from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human, robot
 from avrgym.models.drive import DifferentialDrive
@@ -115,8 +115,8 @@ class Simulation:
         self._at = self._names.on_device_of(self.exemplar)
         self._person = PersonModelFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
-        self._segment_w: Any = moved_to(np.zeros((*geoms, 3)), self.exemplar)
-        self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
+        self._segment_w: Any = to_device_of(np.zeros((*geoms, 3)), self.exemplar)
+        self._capsule_m: Any = to_device_of(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit
         self._drive = scene.robot.drive
@@ -168,9 +168,9 @@ class Simulation:
     def _show_person(self, ids: IntArray) -> None:
         """Copy sizes and positions of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
-        self._capsule_m[ids] = moved_to(size_m, self._capsule_m)
+        self._capsule_m[ids] = to_device_of(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
-        self._segment_w[ids] = moved_to(segment_w, self._segment_w)
+        self._segment_w[ids] = to_device_of(segment_w, self._segment_w)
 
     def geoms(self, ids: IntArray) -> Geoms:
         """Returns all geoms of worlds ``ids`` (n,)."""
@@ -359,7 +359,7 @@ class Simulation:
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
-    def present_base(self) -> tuple[FloatArray, FloatArray]:
+    def current_base(self) -> tuple[FloatArray, FloatArray]:
         """Returns the present poses of the robots' bases, as in ``robot_base``. Driving robots move away from their
         initial pose."""
         if self._drive is None:
@@ -386,7 +386,7 @@ class Simulation:
         """Returns ``joint_positions`` and ``base_displacement``, (N, J) or (N, J + 3)."""
         return np.concatenate([self.joint_positions(), self.base_displacement()], axis=-1)
 
-    def share_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
+    def speeds_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
         """Returns the speeds (N, A) that reach a configuration after ``duration_s``, divided by the speed limits.
 
         Arms start at their servo targets. A drive covers the forward distance and the rotation, but not the sideways
@@ -423,7 +423,7 @@ class Simulation:
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
         self.engine.copy_from_host(np.array([world]))
 
-    def saved(self) -> dict[str, dict[str, NumpyArray]]:
+    def snapshot(self) -> dict[str, dict[str, NumpyArray]]:
         """Returns the whole state on which the next steps of all worlds depend, with the present sensor values."""
         self.engine.copy_to_host(np.arange(self.num_worlds))
         return {
@@ -435,21 +435,21 @@ class Simulation:
             },
         }
 
-    def restore(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
-        """Restores a state from ``saved`` of a simulation with the same arguments."""
+    def restore(self, snapshot: Mapping[str, Mapping[str, NumpyArray]]) -> None:
+        """Restores a state from ``snapshot`` of a simulation with the same arguments."""
         for again in (False, True):  # set_const computes constants from the fields and changes some fields
             for name, array in self._expanded().items():
-                array[:] = saved["fields"][name]
+                array[:] = snapshot["fields"][name]
             if not again:
                 self.batch.set_const()
-        self.batch.state[:] = saved["worlds"]["state"]
+        self.batch.state[:] = snapshot["worlds"]["state"]
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
         everywhere = np.arange(self.num_worlds)
         self._show_person(everywhere)
-        self._segment_w[:] = moved_to(saved["worlds"]["segment_w"], self._segment_w)
+        self._segment_w[:] = to_device_of(snapshot["worlds"]["segment_w"], self._segment_w)
         self.engine.copy_from_host(everywhere)
-        forces = saved["worlds"]["sensordata"].copy()  # the last step is not repeated
-        self._now = replace(self.engine.now, sensordata=moved_to(forces, self.exemplar))
+        forces = snapshot["worlds"]["sensordata"].copy()  # the last step is not repeated
+        self._now = replace(self.engine.now, sensordata=to_device_of(forces, self.exemplar))
 
     def _expanded(self) -> dict[str, NumpyArray]:
         """The model fields that differ between worlds, by name."""

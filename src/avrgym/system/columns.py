@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields, replace
 from types import NoneType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
-TYPES: Mapping[Any, str] = {str: TEXT, int: WHOLE, float: NUMBER, bool: TRUTH}
+TEXT, INTEGER, NUMBER, BOOLEAN, TIME = "text", "whole number", "number", "truth", "time"
+TYPES: Mapping[Any, str] = {str: TEXT, int: INTEGER, float: NUMBER, bool: BOOLEAN}
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def _described(row: type, name: str, hint: Any) -> Column:
         column,
         type=kind,
         unit=column.unit or ("1" if kind == NUMBER else ""),
-        allowed=column.allowed or ("true, false" if kind == TRUTH else ""),
+        allowed=column.allowed or ("true, false" if kind == BOOLEAN else ""),
     )
 
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import moved_to, namespace
+from avrgym.geometry.arrays import namespace, to_device_of
 
 
-def checked_actions(
+def validate_actions(
     actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
 ) -> FloatArray:
     """Returns actions as an array in double precision. Actions of the worlds in the mask ``ignored`` (N,) become zero.
@@ -43,9 +43,9 @@ class DeviceActions:
     def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
         """Create checks of actions (N, A) that have the device and the data type of the array ``exemplar``."""
         self._shape, self._exemplar = (num_worlds, action_size), exemplar
-        self._invalid: Any = moved_to(np.zeros(num_worlds, dtype=bool), exemplar)
+        self._invalid: Any = to_device_of(np.zeros(num_worlds, dtype=bool), exemplar)
 
-    def checked(self, action: Any) -> Any:
+    def validate_actions(self, action: Any) -> Any:
         """Returns the actions, with zeros in place of numbers that are not finite.
 
         Raises:

@@ -120,7 +120,7 @@ def tool_in_hand(
     return pos_w, namespace(pos_w).tile(constant_like(tool_q_w, pos_w), (len(pos_w), 1))
 
 
-def placed_start(
+def find_start(
     scene: SceneConfig,
     people: People,
     placed_pos_w: dict[str, FloatArray],

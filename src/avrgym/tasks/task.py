@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.geometry.arrays import moved_to, namespace
+from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Mount, Robot
@@ -319,5 +319,5 @@ def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
     """Returns a copy of the state ``old`` of N worlds, with the state ``new`` in the worlds ``ids`` (n,)."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
-        array[ids] = moved_to(getattr(new, name), array)
+        array[ids] = to_device_of(getattr(new, name), array)
     return type(old)(**arrays)

@@ -25,12 +25,12 @@ from avrgym.analysis.page.comparisons import p_primary_and_stars
 from avrgym.analysis.page.drawing import (
     CHARACTER_WIDTH_IN,
     GROUP_WIDTH,
-    INK,
+    LINE_COLOUR,
     LINE_COLOURS,
-    ON_DARK,
-    ON_LIGHT,
-    RULE,
     STYLE,
+    TEXT_COLOUR,
+    TEXT_ON_DARK,
+    TEXT_ON_LIGHT,
     WIDTH_IN,
     Drawing,
     add_legend,
@@ -180,7 +180,7 @@ def _axis(axes: Axes, beside: float, label: str) -> None:
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.tick_params(length=0)
-    axes.axvline(0.0, color=RULE, linewidth=0.8, zorder=0)
+    axes.axvline(0.0, color=LINE_COLOUR, linewidth=0.8, zorder=0)
 
 
 def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
@@ -233,7 +233,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
         axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
         number = str(row.count)
         if row.share * share_in > CHARACTER_WIDTH_IN * len(number):
-            shade = ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else ON_LIGHT
+            shade = TEXT_ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else TEXT_ON_LIGHT
             axes.text(left + row.share / 2, y, number, color=shade, fontsize=7, ha="center", va="center")
         left += row.share
 
@@ -245,7 +245,9 @@ def _brackets(
     for index, row in enumerate(tests):
         first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + width * index
-        axes.plot([x, x + 0.02, x + 0.02, x], [first, first, second, second], color=INK, linewidth=0.8)
+        axes.plot(
+            [x, x + 0.02, x + 0.02, x], [first, first, second, second], color=TEXT_COLOUR, linewidth=0.8
+        )
         axes.text(x + 0.04, (first + second) / 2, p_primary_and_stars(row), fontsize=7, va="center")
 
 

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from avrgym.analysis.biomechanics.biomechanics import BodyTrials, torso_heights
 from avrgym.analysis.biomechanics.training_people import HEIGHT_DISTRIBUTIONS, PersonRow, head_position
 from avrgym.analysis.page.drawing import (
-    INK,
     LINE_COLOURS,
     STYLE,
+    TEXT_COLOUR,
     WIDTH_IN,
     Drawing,
     add_legend,
@@ -48,7 +48,7 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Draw
         figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
         axes = figure.add_subplot()
         for (name, values), colour in zip(
-            samples.items(), (INK, LINE_COLOURS[0], LINE_COLOURS[1]), strict=True
+            samples.items(), (TEXT_COLOUR, LINE_COLOURS[0], LINE_COLOURS[1]), strict=True
         ):
             label = name if name == "participants" else f"{name} people (simulation)"
             weights = np.full(len(values), 1.0 / len(values))
@@ -56,8 +56,10 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Draw
         for sex, marker in zip(SEXES, "so", strict=True):
             marks = torso_heights(trials, sex)
             label = {"man": "a man", "woman": "a woman"}[sex]
-            axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
-        axes.axhline(0.0, color=INK, linewidth=0.6)
+            axes.plot(
+                marks, [-0.05] * len(marks), marker, color=TEXT_COLOUR, markersize=5, alpha=0.7, label=label
+            )
+        axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.6)
         axes.set(xlabel="torso height / m", ylabel="share per cm")
         add_legend(figure, columns=2)
     return finish_figure(
@@ -95,7 +97,14 @@ def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: 
         _cloud(
             axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"
         )
-    _cloud(axes, group.in_posture(posture), axis, color=INK, markersize=3.5, label="a participant's trial")
+    _cloud(
+        axes,
+        group.in_posture(posture),
+        axis,
+        color=TEXT_COLOUR,
+        markersize=3.5,
+        label="a participant's trial",
+    )
 
 
 def _cloud(axes: Axes, rows: Sequence[Any], axis: int, **style: Any) -> None:

@@ -18,7 +18,7 @@ from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.array_types import FloatArray
 
 MAX_ITERATIONS = 30
-MAX_HALVINGS = 8
+MAX_STEP_HALVINGS = 8
 TOLERANCE = 1e-10
 MAX_SINGULAR_SHARE = 1e-8
 """The variance of a random effect counts as zero if it is at most this share of the residual variance."""
@@ -162,9 +162,10 @@ def _take_step(
 ) -> tuple[FloatArray, _State | None]:
     """Returns variances and state after a step. The step is halved until the likelihood does not decrease.
 
-    If the likelihood decreases in ``MAX_HALVINGS`` attempts, the variances are unchanged and the state is ``None``.
+    If the likelihood still decreases after ``MAX_STEP_HALVINGS`` attempts, variances are unchanged and the state is
+    ``None``.
     """
-    for _ in range(MAX_HALVINGS):
+    for _ in range(MAX_STEP_HALVINGS):
         tried = _state(clusters, variances + step)
         if tried is not None and tried.likelihood >= state.likelihood - 1e-12:
             return variances + step, tried

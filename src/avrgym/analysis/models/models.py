@@ -34,7 +34,7 @@ from avrgym.analysis.models.fitting import (
 )
 from avrgym.analysis.reading.rows import AttemptRow
 from avrgym.analysis.reading.study_data import StudyData
-from avrgym.analysis.statistics.tests import holm
+from avrgym.analysis.statistics.tests import holm_correction
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, Plan
@@ -240,7 +240,7 @@ def group_rows(
     rows: list[ModelRow] = []
     for kind in EFFECTS:
         own = [row for row in found if row.effect == kind]
-        adjusted = holm([row.p for row in own])
+        adjusted = holm_correction([row.p for row in own])
         rows += [replace(row, p_holm=p) for row, p in zip(own, adjusted, strict=True)]
     return rows
 

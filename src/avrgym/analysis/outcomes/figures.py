@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from avrgym.analysis.outcomes.outcomes import ObjectiveRow
 from avrgym.analysis.page.drawing import (
     GROUP_WIDTH,
-    INK,
     LINE_COLOURS,
     STYLE,
+    TEXT_COLOUR,
     WIDTH_IN,
     Drawing,
     add_legend,
@@ -87,12 +87,12 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
         if getattr(row, f"simulation_{mean}") is not None:
             value = getattr(row, f"simulation_{mean}")
             label = f"{SIMULATION}: {row.simulation_note}" if row.simulation_note else SIMULATION
-            axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=label)
+            axes.plot(x + 0.2 * width, value, "D", color=TEXT_COLOUR, markersize=4, label=label)
             _interval(axes, x + 0.2 * width, row, interval, "simulation_")
-    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.6)
 
 
 def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: str) -> None:
     low, high = getattr(row, f"{prefix}{interval}_low"), getattr(row, f"{prefix}{interval}_high")
     if low is not None and high is not None:
-        axes.plot([x, x], [low, high], color=INK, linewidth=1.0, label="95 % interval")
+        axes.plot([x, x], [low, high], color=TEXT_COLOUR, linewidth=1.0, label="95 % interval")

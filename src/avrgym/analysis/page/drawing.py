@@ -18,13 +18,16 @@ from matplotlib.lines import Line2D
 
 from avrgym.analysis.page.elements import Markup, figure, tag
 
-INK, GROUND, RULE, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
+TEXT_COLOUR, BACKGROUND_COLOUR, LINE_COLOUR, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
 LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
-ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
+TEXT_ON_DARK, TEXT_ON_LIGHT = "#fffffe", "#1c2025"
 """Text colours on dark and on light bars. They are the same in light and in dark mode."""
-_IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
-    colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)
-}
+_IN_PAGE = {
+    TEXT_COLOUR: "currentColor",
+    BACKGROUND_COLOUR: "none",
+    LINE_COLOUR: "var(--rule)",
+    WARNING: "var(--warning)",
+} | {colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)}
 """CSS colour inside a page, by the colour in a file that it replaces."""
 WIDTH_IN = 5.0
 CHARACTER_WIDTH_IN = 0.066
@@ -37,19 +40,19 @@ STYLE: Any = {
     "pdf.fonttype": 42,
     "font.family": "sans-serif",
     "font.size": 9,
-    "text.color": INK,
+    "text.color": TEXT_COLOUR,
     "text.parse_math": False,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
+    "axes.labelcolor": TEXT_COLOUR,
+    "axes.edgecolor": TEXT_COLOUR,
     "axes.titlesize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "figure.facecolor": GROUND,
+    "figure.facecolor": BACKGROUND_COLOUR,
     "axes.facecolor": "none",
     "legend.frameon": False,
     "legend.fontsize": 8,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "xtick.color": TEXT_COLOUR,
+    "ytick.color": TEXT_COLOUR,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
 }

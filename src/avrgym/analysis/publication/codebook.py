@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from avrgym.analysis.tables import Table
-from avrgym.system.columns import NUMBER, TEXT, TIME, TRUTH, WHOLE, Column
+from avrgym.system.columns import BOOLEAN, INTEGER, NUMBER, TEXT, TIME, Column
 
-JSON_TYPES = {TEXT: "string", WHOLE: "integer", NUMBER: "number", TRUTH: "boolean", TIME: "string"}
+JSON_TYPES = {TEXT: "string", INTEGER: "integer", NUMBER: "number", BOOLEAN: "boolean", TIME: "string"}
 FRICTIONLESS_TYPES = JSON_TYPES | {TIME: "datetime"}
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 PROFILE = "tabular-data-package"

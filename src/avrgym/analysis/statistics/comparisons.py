@@ -29,7 +29,7 @@ from avrgym.analysis.columns import (
     Stars,
     Zeros,
 )
-from avrgym.analysis.statistics.tests import StatisticalTest, holm, signed_rank
+from avrgym.analysis.statistics.tests import StatisticalTest, holm_correction, signed_rank
 from avrgym.system.columns import Column
 
 
@@ -71,7 +71,7 @@ PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis",
 """Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
-TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
+TOO_FEW_PARTICIPANTS = f"fewer than {MIN_PARTICIPANTS} participants"
 Sample = tuple[str, Sequence[float]]
 """A group: its name and its values."""
 
@@ -121,7 +121,7 @@ class Family:
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
     """Returns the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
-    adjusted = holm([test.found.p for test in allowed])
+    adjusted = holm_correction([test.found.p for test in allowed])
     name = question.family_name(unit)
     rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
     return Family(simulated, question, tuple(rows), tuple(test.differences for test in allowed))
@@ -132,7 +132,7 @@ def _without_small_test(test: Comparison) -> Comparison:
     if test.participants >= MIN_PARTICIPANTS:
         return test
     found = test.found
-    note = TOO_FEW if found.p is not None else found.note
+    note = TOO_FEW_PARTICIPANTS if found.p is not None else found.note
     described = StatisticalTest(found.test, found.n, found.zeros, effect=found.effect, note=note)
     return replace(test, found=described)
 

@@ -202,7 +202,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
     return 2.0 * mean - inner / n**2 - outer / m**2, mean
 
 
-def holm(probabilities: Sequence[float | None]) -> list[float | None]:
+def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]:
     """Returns p values with Holm's correction (Scand. J. Statist. 6, 1979). ``None`` (no test) remains ``None``."""
     present = [i for i, p in enumerate(probabilities) if p is not None]
     ordered = sorted(present, key=lambda i: probabilities[i] or 0.0)

@@ -27,8 +27,8 @@ from avrgym.study.storage.answers import answered_in_visit, had_open_questionnai
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.rows import (
     RECORDINGS,
-    GivenAnswer,
     Participant,
+    StudyAnswer,
     StudyEvent,
     StudySession,
     Trial,
@@ -62,7 +62,7 @@ def check_participants(store: Store) -> Iterator[Finding]:
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
 
-def check_strays(store: Store) -> Iterator[Finding]:
+def check_stray_files(store: Store) -> Iterator[Finding]:
     """Findings about files in the recordings folder that belong to no attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
@@ -160,7 +160,7 @@ def _check_attempt(
     session: StudySession,
     trial: Trial,
     attempt: TrialAttempt,
-    answers: list[GivenAnswer],
+    answers: list[StudyAnswer],
     design: Design,
 ) -> Iterator[Finding]:
     completed = attempt.state == "completed"
@@ -215,7 +215,7 @@ def _check_recording(
     trial: Trial,
     attempt: TrialAttempt,
     path: Path,
-    answers: list[GivenAnswer],
+    answers: list[StudyAnswer],
 ) -> Iterator[Finding]:
     has_checksum = attempt.state == "completed" or attempt.sha256 is not None
     if has_checksum and sha256_of(store, attempt.recording) != attempt.sha256:
@@ -276,7 +276,7 @@ def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Ma
 
 
 def _differences(
-    recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
+    recording: Recording, stored: Mapping[str, Any], answers: list[StudyAnswer]
 ) -> Iterator[str]:
     """Names of values that are different in recording and database. A truncated recording may lack answers."""
     configuration = recording.configuration
@@ -318,6 +318,6 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_plugins,
     check_interim_looks,
     check_repeats,
-    check_strays,
+    check_stray_files,
     check_due,
 )

@@ -30,7 +30,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
 
-AT_ADMISSION = ("inclusion", "order of inclusion")
+ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
 CONSENT = "consent"
 """A design field that another check compares, for each participant separately."""
@@ -106,7 +106,7 @@ def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign
 
 def _of_sessions(design: Design) -> dict[str, Any]:
     """Names and values of the design fields that affect sessions."""
-    before = (*AT_ADMISSION, CONSENT)
+    before = (*ADMISSION_FIELDS, CONSENT)
     return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 
@@ -127,7 +127,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
     """Findings about differences between the current inclusion questions and those that participants answered."""
-    for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
+    for (place, here, there), people in admission_differences(store, store.design, ADMISSION_FIELDS):
         message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
 

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.storage.answers import has_open_questionnaire
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
+from avrgym.study.storage.rows import Participant, StudyAnswer, StudySession, Tombstone, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPATING, UNKNOWN
 from avrgym.study.storage.store import Store, find_all
 
@@ -102,7 +102,7 @@ def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
         "trials": Counter(trial.participant for trial in trials),
         "trials_completed": Counter(trial.participant for trial in trials if trial.state == "completed"),
         "attempts": Counter(of_session[attempt.session] for attempt in find_all(connection, TrialAttempt)),
-        "answers": Counter(of_session[answer.session] for answer in find_all(connection, GivenAnswer)),
+        "answers": Counter(of_session[answer.session] for answer in find_all(connection, StudyAnswer)),
     }
 
 
@@ -180,9 +180,9 @@ def _condition(store: Store, trial: Trial, participant: Participant) -> Conditio
     return trial.task, trial.robot, policy, participant.simulated
 
 
-def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[GivenAnswer]]:
-    found = defaultdict[int | None, list[GivenAnswer]](list)
-    for answer in find_all(connection, GivenAnswer):
+def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[StudyAnswer]]:
+    found = defaultdict[int | None, list[StudyAnswer]](list)
+    for answer in find_all(connection, StudyAnswer):
         found[answer.attempt].append(answer)
     return found
 
@@ -191,7 +191,7 @@ def _summarise_condition(
     answered_items: AnsweredItems,
     condition: Condition,
     attempts: Sequence[TrialAttempt],
-    answers: Sequence[GivenAnswer],
+    answers: Sequence[StudyAnswer],
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
     for answer in filter(answered_items.contains, answers):

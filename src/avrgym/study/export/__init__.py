@@ -44,7 +44,7 @@ def export_study(
     extras: Extras = NO_EXTRAS,
     cameras: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, all_: None,
-    tell: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> int:
     """Export a study into a new or empty folder. After an error, the folder does not exist.
 
@@ -58,7 +58,7 @@ def export_study(
         cameras: cameras of each control step, such as ``wrist:128x96:rgb+depth``, rendered from the recorded states.
         skip_damaged: omit damaged and missing recordings, and list them in ``left_out.csv``.
         progress: called after each recording with the number of verified recordings and their total number.
-        tell: called with the name of each omitted recording and the reason.
+        report: called with the name of each omitted recording and the reason.
 
     Returns:
         The number of files.
@@ -87,7 +87,7 @@ def export_study(
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))
     for each in left_out:
-        tell(each.reason)
+        report(each.reason)
     write_folder_atomically(out, lambda folder: _write(store, write, sound, left_out, folder))
     return sum(path.is_file() for path in out.rglob("*"))
 

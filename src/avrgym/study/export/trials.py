@@ -21,7 +21,7 @@ from avrgym.study.export.rows import AnswerIdentifiers, AnswerRow, AttemptIdenti
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.rows import Participant, StudyAnswer, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
@@ -35,7 +35,7 @@ class ExportedAttempt:
     session: StudySession
     trial: Trial
     attempt: TrialAttempt
-    answers: tuple[GivenAnswer, ...]
+    answers: tuple[StudyAnswer, ...]
 
     @property
     def scene(self) -> str:
@@ -151,7 +151,7 @@ class ExportedAnswer:
     participant: Participant
     session: StudySession
     attempt: ExportedAttempt | None
-    stored: GivenAnswer
+    stored: StudyAnswer
     moment: str
     questionnaire: Questionnaire
     item: Item

@@ -116,7 +116,7 @@ def merge_studies(
     accept_differences: bool = False,
     skip_damaged: bool = False,
     progress: Callable[[int, int], None] = lambda done, all_: None,
-    tell: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> list[MergedSite]:
     """Merge studies into a new folder, or update an earlier merge. The sites' studies are not changed.
 
@@ -126,7 +126,7 @@ def merge_studies(
         accept_differences: merge studies with different designs or plans.
         skip_damaged: omit recordings that are damaged or missing at their site.
         progress: called with the number of compared recordings and their total number.
-        tell: called with each accepted difference, and with each omitted recording.
+        report: called with each accepted difference, and with each omitted recording.
 
     Raises:
         StudyError: if studies differ, are the same, were changed by another program or lack recordings, or if ``out``
@@ -140,7 +140,7 @@ def merge_studies(
         merged = _open_merged(out, stack)
         sites = _number(sources, merged, out, accepted=accept_differences)
         _verify(sites, progress)
-        _tell(sites, tell, skip_damaged=skip_damaged)
+        _report_omissions(sites, report, skip_damaged=skip_damaged)
         if merged is None:
             make_merged_study(sources[0].store, {site.number: site.source.name for site in sites}, out)
             merged = stack.enter_context(Store(out))
@@ -211,14 +211,16 @@ def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -
         progress(done, len(everything))
 
 
-def _tell(sites: Sequence[_SiteMerge], tell: Callable[[str], None], *, skip_damaged: bool) -> None:
+def _report_omissions(
+    sites: Sequence[_SiteMerge], report: Callable[[str], None], *, skip_damaged: bool
+) -> None:
     faults = [f"{site.source.name}: {fault}" for site in sites for fault in site.faults.values()]
     if faults and not skip_damaged:
         raise StudyError(
             f"nothing was merged: {'; '.join(faults)}; --skip-damaged omits damaged and missing recordings"
         )
     for words in [*(each for site in sites for each in site.differing), *faults]:
-        tell(words)
+        report(words)
 
 
 # One site

@@ -9,7 +9,7 @@ from typing import Any
 import tomlkit
 
 from avrgym.study.checking.design_checks import (
-    AT_ADMISSION,
+    ADMISSION_FIELDS,
     CONSENT,
     admission_differences,
     differences_of,
@@ -83,7 +83,7 @@ def _session_values(
         )
         for each in differences_of(design, wordings, sessions)
     }
-    admitted = admission_differences(store, design, (CONSENT, *AT_ADMISSION))
+    admitted = admission_differences(store, design, (CONSENT, *ADMISSION_FIELDS))
     return found | {
         (DESIGN, place, value_text(there)): (value_text(here), ", ".join(people))
         for (place, here, there), people in admitted

@@ -137,7 +137,7 @@ class StudyVisit:
                 send,
                 self.identifier,
                 observe=self._observer(),
-                kept=self.storing.done,
+                is_stored=self.storing.done,
                 ended_elsewhere=lambda: self.ended_elsewhere,
                 workers=workers,
                 scenes=scenes,

@@ -11,7 +11,7 @@ from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import GivenAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.storage.rows import StudyAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
@@ -40,7 +40,7 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
-        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        given = find_all(connection, StudyAnswer, attempt=attempt.id)
         items = store.design.items_at("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
         _insert_answer(connection, items, given, answer, about)
@@ -55,7 +55,7 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
-        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        given = find_all(connection, StudyAnswer, attempt=attempt.id)
         event = {"session": attempt.session, "attempt": attempt.id}
         _change(connection, store.design.items_at("after_trial"), given, answer, event)
 
@@ -64,7 +64,7 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
     """Replace the answer to an item about a session; see ``change_answer``."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
-        answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
+        answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == when]
         _change(connection, store.design.items_at(when), given, answer, subject_of(session))
@@ -81,7 +81,7 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
     moment = when or _only_moment(store.design, answer.item)
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
-        answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
+        answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == moment]
         _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
@@ -89,7 +89,7 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def answer_moments(
-    design: Design, answers: Iterable[GivenAnswer], events: Iterable[StudyEvent]
+    design: Design, answers: Iterable[StudyAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
     """The moment (one of ``MOMENTS``) of each answer, by the answer's id.
 
@@ -140,11 +140,11 @@ def reconcile_answers(
         store.design.items_at("after_trial"),
         {"session": attempt.session, "attempt": attempt.id},
     )
-    before = find_all(connection, GivenAnswer, attempt=attempt.id)
+    before = find_all(connection, StudyAnswer, attempt=attempt.id)
     counts = {each.item: 1 + _changes(connection, attempt, each.item) for each in before}
     for number, answer in enumerate(recorded):
         earlier = sum(each.item == answer.item for each in recorded[:number])
-        given = find_all(connection, GivenAnswer, attempt=attempt.id)
+        given = find_all(connection, StudyAnswer, attempt=attempt.id)
         if earlier >= counts.get(answer.item, 0):
             change = _change if any(each.item == answer.item for each in given) else _insert_answer
             change(connection, items, given, answer, event)
@@ -229,14 +229,14 @@ def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAtte
     trial = find(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
-    given = {answer.item for answer in find_all(connection, GivenAnswer, attempt=attempt.id)}
+    given = {answer.item for answer in find_all(connection, StudyAnswer, attempt=attempt.id)}
     return [item.id for item in store.design.items_at("after_trial") if item.id not in given]
 
 
 def _change(
     connection: sa.Connection,
     items: tuple[Item, ...],
-    given: list[GivenAnswer],
+    given: list[StudyAnswer],
     answer: Answer,
     event: dict[str, int],
 ) -> None:
@@ -252,7 +252,7 @@ def _change(
 def _insert_answer(
     connection: sa.Connection,
     items: tuple[Item, ...],
-    given: list[GivenAnswer],
+    given: list[StudyAnswer],
     answer: Answer,
     about: Mapping[str, int],
 ) -> None:

@@ -17,7 +17,7 @@ from avrgym.questionnaires.questionnaire import MAX_POINTS, MOMENTS, Item, Quest
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
-from avrgym.study.storage.rows import GivenAnswer, Participant, StoredDesign, Trial, TrialAttempt
+from avrgym.study.storage.rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
 from avrgym.study.storage.session_designs import (
     design_as_recorded,
     design_from_row,
@@ -209,19 +209,19 @@ class AnsweredItems:
         """All answered item versions, ordered by item."""
         return self._catalogue.versions
 
-    def contains(self, answer: GivenAnswer) -> bool:
+    def contains(self, answer: StudyAnswer) -> bool:
         """Whether the answer existed when this object was created."""
         return answer.id in self._of_answers
 
-    def item(self, answer: GivenAnswer) -> Item:
+    def item(self, answer: StudyAnswer) -> Item:
         """The item of an answer, with the name of its version."""
         return self._of_answers[answer.id].item
 
-    def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
+    def questionnaire(self, answer: StudyAnswer) -> Questionnaire:
         """The questionnaire that contains the answer's item."""
         return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
 
-    def value(self, answer: GivenAnswer) -> int:
+    def value(self, answer: StudyAnswer) -> int:
         """The value of an answer on its item's scale."""
         return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
@@ -235,14 +235,14 @@ class AnsweredItems:
             self._forms[key] = self._catalogue.form(design, language, translate)
         return self._forms[key]
 
-    def _take(self, participant: Participant, answer: GivenAnswer, form: Form) -> None:
+    def _take(self, participant: Participant, answer: StudyAnswer, form: Form) -> None:
         version = form.versions.get(answer.item)
         if version is None or answer.value > version.item.points:
             version = self._unknown(participant, answer)
         version.answer_counts[participant.pseudonym] = version.answer_counts.get(participant.pseudonym, 0) + 1
         self._of_answers[answer.id] = version
 
-    def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
+    def _unknown(self, participant: Participant, answer: StudyAnswer) -> ItemVersion:
         """An item version for an answer without a stored text."""
         item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
@@ -270,7 +270,7 @@ class _ParticipantItems:
         self._by_row: dict[int, Form] = {}
         self._by_attempt: dict[int | None, Form] = {}
 
-    def form(self, answer: GivenAnswer) -> Form:
+    def form(self, answer: StudyAnswer) -> Form:
         """The item versions that the participant read at the time of an answer."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]

@@ -167,7 +167,7 @@ class TrialAttempt:
         return self.recording.removeprefix(f"{RECORDINGS}/").removesuffix(".mcap")
 
 
-class GivenAnswer(Answer, frozen=True):
+class StudyAnswer(Answer, frozen=True):
     """A stored answer. ``attempt`` is ``None`` for an answer about a whole session."""
 
     id: int

@@ -28,13 +28,13 @@ from avrgym.study.storage.rows import (
     Consent,
     ConsentText,
     Experimenter,
-    GivenAnswer,
     LogEntry,
     Note,
     Participant,
     ParticipantLink,
     Site,
     StoredDesign,
+    StudyAnswer,
     StudyEvent,
     StudySession,
     Tombstone,
@@ -54,7 +54,7 @@ TABLES: Mapping[type, sa.Table] = {
     StoredDesign: schema.DESIGN,
     Trial: schema.TRIAL,
     TrialAttempt: schema.ATTEMPT,
-    GivenAnswer: schema.ANSWER,
+    StudyAnswer: schema.ANSWER,
     StudyEvent: schema.EVENT,
     Note: schema.NOTE,
     AdverseEvent: schema.ADVERSE_EVENT,
@@ -204,10 +204,10 @@ class Store:
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
 
-    def answers(self, pseudonym: str) -> list[GivenAnswer]:
+    def answers(self, pseudonym: str) -> list[StudyAnswer]:
         """All answers of a participant, in order of time."""
         sessions = {session.id for session in self.sessions(pseudonym)}
-        return [answer for answer in self._rows(GivenAnswer) if answer.session in sessions]
+        return [answer for answer in self._rows(StudyAnswer) if answer.session in sessions]
 
     def events(self) -> list[StudyEvent]:
         """All events of the study."""

@@ -79,7 +79,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     )
     level = constant_like(np.array([1.0, 0.0, 0.0, 0.0]), goals_w)
     goals_q_w = xp.tile(level, (*goals_w.shape[:2], 1))
-    return placement.placed_start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
+    return placement.find_start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
 
 
 def observation(scene: SceneConfig) -> Observation:

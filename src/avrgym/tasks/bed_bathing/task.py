@@ -54,7 +54,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
     tool, tool_q = placement.tool_in_hand(scene, xp.tile(hand, (count, 1)), START_Q_W)
-    return placement.placed_start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
+    return placement.find_start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
 def observation(scene: SceneConfig) -> Observation:

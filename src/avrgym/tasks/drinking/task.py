@@ -40,7 +40,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)
-    return placement.placed_start(
+    return placement.find_start(
         scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
     )
 

@@ -204,7 +204,7 @@ class MotionPlanner:
             self._set_positions(of_arm)
             return
         travel_m = self._simulation.base_displacement()[:, :1]
-        pos_w, q_w = self._simulation.present_base()
+        pos_w, q_w = self._simulation.current_base()
         self._base_w = pos_w - travel_m * transforms.rotate(q_w, placement.X_AXIS), q_w
         self._to_base = transforms.invert(*self._base_w)
         self._set_positions(np.concatenate([travel_m, of_arm], axis=-1))

@@ -50,7 +50,7 @@ def start(
     hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
-    return placement.placed_start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+    return placement.find_start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
 
 def _goals(people: People) -> tuple[FloatArray, FloatArray]:

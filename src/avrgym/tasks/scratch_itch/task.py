@@ -61,7 +61,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
     goals = placement.right_arm_joints_w(people, scene.posture)
     goals_q = namespace(goals).tile(constant_like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
-    return placement.placed_start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+    return placement.find_start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 
 def observation(scene: SceneConfig) -> Observation:

@@ -83,7 +83,7 @@ class FrameTimes:
         if len(self._received_s) > MAX_STORED_FRAMES:
             del self._received_s[next(iter(self._received_s))]
 
-    def stream_sample_times(self, state: State, created_s: float) -> Passed | None:
+    def newest_frame_times(self, state: State, created_s: float) -> Passed | None:
         """The times of the newest frame in a state that is sent now; ``None`` if an earlier state already included
         it."""
         received_s = self._received_s.pop(state.tracking_sequence, None)
@@ -264,7 +264,7 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> N
                 if isinstance(message, Scene):
                     encoder.begin_scene()
                 if isinstance(message, State):
-                    passed = frame_times.stream_sample_times(message, outbox.created_s)
+                    passed = frame_times.newest_frame_times(message, outbox.created_s)
                     if passed is not None:
                         await socket.send_bytes(messages.encode(passed))
                     message = encoder.encode(message)

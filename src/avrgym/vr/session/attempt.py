@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.elementary import fingerprint_of_c_library
+from avrgym.geometry.elementary import c_library_fingerprint
 from avrgym.models import human
 from avrgym.models.body_names import PARTS
 from avrgym.people.motor import MOTION_VERSION
@@ -284,7 +284,7 @@ def configuration(
         versions=versions(),
         plugins=tuple(plugins),
         world_version=WORLD_VERSION,
-        c_library=fingerprint_of_c_library(),
+        c_library=c_library_fingerprint(),
     )
 
 

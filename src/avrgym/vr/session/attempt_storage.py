@@ -95,8 +95,8 @@ class AttemptStorage:
         failure = attempt.close(result, now_s)
         sums = attempt.steps, attempt.reward, attempt.success
         whose = attempt.trial, attempt.number, attempt.path
-        kept = "failed" if result == "completed" and failure is not None else result
-        self._sink.report(events.TrialEnded(now_s, *whose, kept, failure is None, *sums))
+        ending = "failed" if result == "completed" and failure is not None else result
+        self._sink.report(events.TrialEnded(now_s, *whose, ending, failure is None, *sums))
         return failure
 
     def take_failure(self) -> Exception | None:

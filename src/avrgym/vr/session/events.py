@@ -279,7 +279,7 @@ class EventSink:
         except Exception as error:  # whatever keeps a database from storing it
             self.failure = error
 
-    def all_stored(self) -> bool:
+    def has_stored_all(self) -> bool:
         """Returns whether all events are stored. An error is stored in ``failure``."""
         try:
             return self._stored()
@@ -294,5 +294,5 @@ class EventSink:
 
     def forget_failures(self) -> None:
         """Clear all failures."""
-        self.all_stored()
+        self.has_stored_all()
         self.failure = None

@@ -55,7 +55,7 @@ class Session:
         identifier: str,
         *,
         observe: events.Observer = lambda event: None,
-        kept: Callable[[], bool] = lambda: True,
+        is_stored: Callable[[], bool] = lambda: True,
         ended_elsewhere: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person, Settings]] | None = None,
@@ -72,7 +72,7 @@ class Session:
             send: called with every message for the clients.
             identifier: the session's name for clients and recordings.
             observe: called with every event. If it raises, the session pauses.
-            kept: returns whether the observer has stored all events. Until then no phase times out, and no trial
+            is_stored: returns whether the observer has stored all events. Until then no phase times out, and no trial
                 follows a completed one. If it raises, the session pauses.
             ended_elsewhere: returns whether the session was ended elsewhere; called at every tick.
             workers: an executor that builds the worlds of later trials. Without it, the thread that calls ``tick``
@@ -88,7 +88,7 @@ class Session:
         worlds = TrialWorlds(
             plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
         )
-        sink = EventSink(observe if streams is None else _both(streams.send_event, observe), kept)
+        sink = EventSink(observe if streams is None else _both(streams.send_event, observe), is_stored)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, background=workers is not None)
         versions()  # this reads files the first time, which must not delay a tick
@@ -218,7 +218,7 @@ class Session:
         self._report(step)
         if self._streams is not None:
             self._streams.tick()
-        if self._ends_at is not None and now_s >= self._ends_at and state.sink.all_stored():
+        if self._ends_at is not None and now_s >= self._ends_at and state.sink.has_stored_all():
             self._go_to(self._phase.on_timeout())
         if storage.attempt is not None:
             storage.attempt.submit_records()
@@ -320,7 +320,7 @@ class Session:
     def _check_storage(self) -> None:
         """Report a slow disk. Stop the robot and end the attempt if recording or observer cannot store a trial."""
         state, storage = self._state, self._state.storage
-        stored, failure = state.sink.all_stored(), storage.take_failure()
+        stored, failure = state.sink.has_stored_all(), storage.take_failure()
         if failure is not None:
             self._go_to(self._phase.fail(failure))
         elif stored and storage.completing is not None:

@@ -43,7 +43,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     hand_w = np.array(HAND_START_W) + START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, TOOL_Q_W)
     goal_w = placement.right_arm_joints_w(people, scene.posture)[:, HAND:]
-    return placement.placed_start(
+    return placement.find_start(
         scene, people, {}, tool_w, tool_q_w, goal_w, tool_q_w[:, None], uniforms[:, 3:]
     )
 

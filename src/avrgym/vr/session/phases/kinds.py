@@ -108,7 +108,7 @@ class Ongoing(Phase):
         """End the attempt as completed and continue. If it cannot be stored, the next phase reports this."""
         state = self.state
         recording_failure = state.end_attempt("completed")
-        stored = state.sink.all_stored()
+        stored = state.sink.has_stored_all()
         failure = recording_failure or state.sink.failure
         if failure is not None:
             return self.fail(failure)
