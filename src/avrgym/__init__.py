@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 register()
 
 
-def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
+def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv":
     """Create a PettingZoo parallel environment with two agents, robot and human; see ``AssistiveParallelEnv``.
 
     Raises:
@@ -33,7 +33,7 @@ def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
         raise RuntimeError(
             f"{error.name} is missing; `pip install avrgym[pettingzoo]` installs it"
         ) from error
-    return AssistiveParallelEnv(environment_id, **how)
+    return AssistiveParallelEnv(environment_id, **arguments)
 
 
 def __getattr__(name: str) -> Any:

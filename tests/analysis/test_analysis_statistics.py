@@ -205,7 +205,7 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
             }
             for moment, each in steps.items()
         }
-        found = compare_before_after("total", given).found
+        found = compare_before_after("total", given).result
         return found.p, found.zeros, values_at_moment(CHANGE, "total", given)
 
     p, zeros, values = change(1.0)

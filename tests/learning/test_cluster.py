@@ -17,7 +17,7 @@ from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.learning.training import resume, train
-from avrgym.system.cluster import Cluster, connected
+from avrgym.system.cluster import Cluster, connect
 from helpers.learning.ray_nodes import assert_same_training, process_and_node, raise_error, ray_nodes
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
@@ -46,7 +46,7 @@ def nodes() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def cluster(nodes: Any) -> Iterator[Cluster]:
-    with connected(nodes.address, 2) as opened:
+    with connect(nodes.address, 2) as opened:
         yield opened
 
 

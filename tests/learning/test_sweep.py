@@ -12,7 +12,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.cli.main import app
 from avrgym.learning.configuration import configuration_for
-from avrgym.learning.sweep_file import planned, read_sweep
+from avrgym.learning.sweep_file import planned_trainings, read_sweep
 from helpers.system.paths import ROOT
 
 LITTLE = """
@@ -36,7 +36,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
     sweep = read_sweep(written(tmp_path, LITTLE + "\n[recipes.usual]\n"))
-    (group,) = planned(sweep, "sweep.toml").values()
+    (group,) = planned_trainings(sweep, "sweep.toml").values()
     assert [(each.recipe, each.configuration.seed) for each in group] == [
         ("little", 0),
         ("little", 1),
@@ -52,7 +52,7 @@ def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
 
 def test_the_example_is_a_sweep() -> None:
     path = ROOT / "examples" / "clusters" / "sweep.toml"
-    assert sum(map(len, planned(read_sweep(path), str(path)).values())) == 12
+    assert sum(map(len, planned_trainings(read_sweep(path), str(path)).values())) == 12
 
 
 @pytest.mark.parametrize(
@@ -85,20 +85,20 @@ def test_a_sweep_equals_single_trainings_and_resumes(tmp_path: Path, monkeypatch
     pytest.importorskip("ray.tune", reason="clusters are an extra, too large for every computer")
     from avrgym.learning import sweep, training
     from avrgym.policies.trained import Policy
-    from avrgym.system.cluster import connected
+    from avrgym.system.cluster import connect
     from helpers.learning.ray_nodes import assert_same_training
 
     out, reported = tmp_path / "out", dict[str, int]()
     sweep.create(written(tmp_path, LITTLE), out)
     with pytest.raises(FileExistsError, match="already contains a sweep"):
         sweep.create(tmp_path / "sweep.toml", out)
-    first, second = next(iter(sweep.plan_of(out).values()))
+    first, second = next(iter(sweep.trainings_by_group(out).values()))
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     training.train(replace(first.configuration, threads=1), tmp_path / "alone")
     training.train(replace(first.configuration, threads=1), out / first.name)
     measured = (out / first.name / "policy.safetensors").stat().st_mtime_ns
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src")]))
-    with connected("local") as _:
+    with connect("local") as _:
         rows = sweep.run(out, None, reported.__setitem__)
     assert [(row.seed, row.outcome, row.steps) for row in rows] == [
         (0, "complete", 1200),

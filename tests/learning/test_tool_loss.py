@@ -28,7 +28,9 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
     joints = len(scene.arm.joints)
     joint_positions = scene.arm.seed_pose + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))
-    predicted = ToolMotion(scene).per_action(joint_positions.astype(np.float32)).numpy() @ actions[..., None]
+    predicted = (
+        ToolMotion(scene).motion_per_action(joint_positions.astype(np.float32)).numpy() @ actions[..., None]
+    )
     step = actions * scene.arm.speed_limit * CONTROL_STEP_S
     before, after = (
         kinematics.forward(chain, rows.reshape(-1, joints))
@@ -42,7 +44,7 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
 
 def test_the_loss_weights_errors_by_the_motion_of_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotion(scene).motion_per_action(np.asarray(scene.arm.seed_pose, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.zeros(joints)
     assert tool_loss(wanted, wanted, motion) == 0.0
@@ -56,7 +58,7 @@ def test_the_loss_weights_errors_by_the_motion_of_the_tool():
 
 def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotion(scene).motion_per_action(np.asarray(scene.arm.seed_pose, np.float32))
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())

@@ -88,7 +88,7 @@ def test_each_episode_starts_without_memory():
         generators = [np.random.default_rng(5)]
         observation = world.reset(np.array([0]), generators)
         actions = []
-        with registry.running(make_policy(), world, generators) as act:
+        with registry.open_policy(make_policy(), world, generators) as act:
             for _ in range(5):
                 actions.append(act(observation))
                 observation = world.step(actions[-1].astype(float)).observation

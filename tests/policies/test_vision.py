@@ -126,7 +126,7 @@ def test_a_controller_receives_the_images_of_its_own_world():
     worlds = Episodes(FEEDING, 2, people="revised", num_threads=1)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     observations = worlds.reset(np.arange(2), generators)
-    with registry.running(
+    with registry.open_policy(
         ExternalController("looking", make, cameras=Looking.cameras), worlds, generators
     ) as act:
         act(observations)

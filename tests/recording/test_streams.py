@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.recording.streams import GAP_INTERVALS, MAX_LEAD_S, sample_times, stream_quality
-from avrgym.study.export.physio import corrected_marks, marks, recorded_series
+from avrgym.study.export.physio import corrected_text_streams, recorded_series, text_events
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])
 JUMPS_S = st.one_of(st.floats(0.6, 2.0), st.floats(2.0, 400_000.0)).flatmap(
@@ -147,6 +147,6 @@ def test_exports_contain_corrected_times_and_what_was_corrected() -> None:
     np.testing.assert_allclose(series.time_s, taken_s - 0.5, rtol=0.0, atol=1e-9)
     (reset,) = series.sidecar()["timestamp"]["ClockResets"]
     assert (reset["Onset"], reset["JumpInSeconds"]) == (pytest.approx(0.5), pytest.approx(-1.0))
-    assert [round(time_ns / 1e9, 2) for time_ns, _ in marks(topics)] == [0.99, 1.99, 2.99]
-    assert len(corrected_marks(topics, 0.5)["button"]["ClockResets"]) == 1
+    assert [round(time_ns / 1e9, 2) for time_ns, _ in text_events(topics)] == [0.99, 1.99, 2.99]
+    assert len(corrected_text_streams(topics, 0.5)["button"]["ClockResets"]) == 1
     assert figures(chunked(clock_s, taken_s, 5), 100.0).gaps == 0

@@ -56,7 +56,7 @@ class Course:
 def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS) -> Course:
     episodes = reset_episodes(environment, withdraws=withdraws)
     found = Course([], [])
-    with registry.running(registry.find(policy, environment), episodes, generators()) as act:
+    with registry.open_policy(registry.find(policy, environment), episodes, generators()) as act:
         for _ in range(steps):
             found.driven.append(episodes.loop.withdrawing)
             found.steps.append(episodes.step(act(episodes.observe()).astype(float)))
@@ -120,7 +120,7 @@ def test_until_then_no_bit_differs() -> None:
 
 def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
-    with registry.running(registry.find("revised", FEEDING), episodes, generators()) as act:
+    with registry.open_policy(registry.find("revised", FEEDING), episodes, generators()) as act:
         while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
         for _ in range(3):
@@ -132,7 +132,7 @@ def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
 
 def test_a_new_episode_is_driven_by_its_policy() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
-    with registry.running(registry.find("revised", FEEDING), episodes, generators()) as act:
+    with registry.open_policy(registry.find("revised", FEEDING), episodes, generators()) as act:
         while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
     episodes.reset(np.array([1]), [np.random.default_rng(8)])

@@ -227,7 +227,7 @@ def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
 
 def test_commands_are_logged_by_account(tmp_path: Path) -> None:
     folder, who = small_study(tmp_path / "study"), account_actor()
-    assert who.known_by == ACCOUNT
+    assert who.identified_by == ACCOUNT
     assert command("study", "enrol", folder, "--body", "woman", "--name", NAME).exit_code == 0
     assert command("study", "withdraw", folder, "sub-001", "--reason", REASON).exit_code == 0
     added = command("study", "add-experimenter", folder, "ada")

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.study.export import FORMATS, LEFT_OUT, export_study
-from avrgym.study.export.trials import completed_attempts, verified
+from avrgym.study.export.trials import completed_attempts, verify_attempts
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -168,7 +168,7 @@ def test_completed_trial_needs_checksum_and_complete_recording(
     with Store(folder) as store:
         with store.database.write() as connection:
             connection.execute(sa.update(schema.ATTEMPT).values(sha256=None))
-        _, left_out = verified(list(completed_attempts(store)))
+        _, left_out = verify_attempts(list(completed_attempts(store)))
     assert len(left_out) == 2 * TRIALS
 
 

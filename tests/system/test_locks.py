@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.system.locks import locked
+from avrgym.system.locks import lock_folder
 from helpers.system.paths import DATA
 from helpers.system.processes import kill_with_parent
 
@@ -66,15 +66,15 @@ def test_a_second_training_in_a_folder_is_refused(tmp_path: Path, arguments: lis
 
 def test_a_folder_is_free_again_however_its_process_ended(tmp_path: Path) -> None:
     with held(tmp_path) as process:
-        with pytest.raises(ValueError, match=f"in use by process {process.pid}"), locked(tmp_path):
+        with pytest.raises(ValueError, match=f"in use by process {process.pid}"), lock_folder(tmp_path):
             pass
         process.send_signal(signal.SIGKILL)
         process.wait()
-    with locked(tmp_path):
+    with lock_folder(tmp_path):
         assert (tmp_path / "training.lock").read_text() == f"{os.getpid()}\n"
-        with pytest.raises(ValueError, match=f"in use by process {os.getpid()}"), locked(tmp_path):
+        with pytest.raises(ValueError, match=f"in use by process {os.getpid()}"), lock_folder(tmp_path):
             pass
-    with locked(tmp_path):
+    with lock_folder(tmp_path):
         pass
 
 
@@ -85,6 +85,6 @@ def test_a_file_system_without_locks_is_named(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(fcntl, "flock", none)
     with (
         pytest.raises(ValueError, match=r"cannot be locked \(No locks available\); choose a folder on"),
-        locked(tmp_path),
+        lock_folder(tmp_path),
     ):
         pass

@@ -100,7 +100,7 @@ def test_an_arm_that_leans_on_the_person_draws_back(robot):
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     away = pos_w - planner.pos_w
-    in_front = feedback_expert.faces_in(out_w) * (robot == "Jaco")
+    in_front = feedback_expert.front_share(out_w) * (robot == "Jaco")
     assert_allclose(normalize(away[2:]), feedback_expert.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
     assert_array_equal(q_w[2:], planner.q_w[2:])
@@ -138,7 +138,7 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 
 def test_only_skin_that_faces_in_is_reached_from_in_front():
     out_w = directions(0)
-    share = feedback_expert.faces_in(out_w)
+    share = feedback_expert.front_share(out_w)
     inner = (out_w[:, 0] > feedback_expert.INWARD_RANGE[1]) & (
         out_w[:, 2] > feedback_expert.NOT_DOWNWARD_RANGE[1]
     )
@@ -161,7 +161,7 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
     planner, state = FeedbackPlanner(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
-    in_front = feedback_expert.faces_in(out_w) == 1.0
+    in_front = feedback_expert.front_share(out_w) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M
     goal_w, _, _ = feedback_expert.scratching_target(state, itch, planner)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import FILTERED_POSITIONS, FILTERED_ROTATIONS, filtered
+from avrgym.tasks.experts.filtered import FILTERED_POSITIONS, FILTERED_ROTATIONS, filter_tremor
 
 
 class Recorder:
@@ -28,7 +28,7 @@ def watched(impairment: str, steps: int):
         recorders.append(Recorder(running))
         return recorders[0]
 
-    controller, there = filtered(expert)(episodes), []
+    controller, there = filter_tremor(expert)(episodes), []
     for _ in range(steps):
         there.append(episodes.state())
         episodes.step(controller(episodes.observe()))
@@ -74,7 +74,7 @@ def test_a_filtered_expert_often_succeeds(environment, impairment, share):
         f"avrgym/{environment}-v1", 24, people="zoo/train", impairment=impairment, num_threads=1
     )
     episodes.reset(np.arange(24), [np.random.default_rng([6, i]) for i in range(24)])
-    expert, success = filtered(episodes.task.feedback_expert)(episodes), np.zeros(24, dtype=bool)
+    expert, success = filter_tremor(episodes.task.feedback_expert)(episodes), np.zeros(24, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(expert(episodes.observe())).success
     assert success.mean() >= share

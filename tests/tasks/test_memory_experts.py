@@ -17,7 +17,7 @@ from avrgym.tasks.drinking.memory_expert import (
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.feedback import FeedbackPlanner
-from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.experts.head_clearance import face_direction
 
 YES, NO = np.array([True]), np.array([False])
@@ -171,6 +171,6 @@ def test_the_memory_expert_succeeds_more_often_in_drinking(robot):
 
     task = reset_episodes(robot, "zoo/train", 1).task
     assert task.memory_expert is not None
-    patience = successes(filtered(task.memory_expert))
+    patience = successes(filter_tremor(task.memory_expert))
     assert patience > 0.6
-    assert patience > successes(filtered(task.feedback_expert))
+    assert patience > successes(filter_tremor(task.feedback_expert))

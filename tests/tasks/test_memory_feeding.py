@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
-from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.feeding.memory_expert import (
     MAX_STANDOFF_M,
     REST_SPEED_M_S,
@@ -37,7 +37,7 @@ def test_resting_people_are_fed_like_the_feedback_expert():
 def fed(expert: Expert) -> tuple[float, float]:
     """People who come to meet the spoon: the share of them that it feeds, and the mean force on them."""
     episodes = reset_episodes(FEEDING, WORLDS, "participants", by_region=True)
-    feeds, watch, force_n = filtered(expert)(episodes), RegionLoadRecorder(WORLDS), 0.0
+    feeds, watch, force_n = filter_tremor(expert)(episodes), RegionLoadRecorder(WORLDS), 0.0
     for _ in range(100):
         step = episodes.step(np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
         force_n += float(step.force_on_person_n.mean()) / 100

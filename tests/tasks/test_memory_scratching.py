@@ -4,9 +4,9 @@ import pytest
 from avrgym.geometry.transforms import norm
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.scratch_itch.expert import surface
-from avrgym.tasks.scratch_itch.feedback_expert import faces_in
+from avrgym.tasks.scratch_itch.feedback_expert import front_share
 from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, memory_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from helpers.learning.experts import assert_matches_feedback_expert
@@ -36,7 +36,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     patient, reactive = memory_expert(episodes), episodes.task.feedback_expert(episodes)
     assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
-    assert np.all(faces_in(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
+    assert np.all(front_share(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
     way_rad, swung = np.array(SWINGS[robot].displacement), []
     for _ in range(60):
         observation = episodes.observe()
@@ -56,7 +56,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
 @pytest.mark.parametrize("robot", SWINGS)
 def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_swung_in_front(robot):
     episodes = reset_episodes(robot, INNER_RAD)
-    scratches = filtered(memory_expert)(episodes)
+    scratches = filter_tremor(memory_expert)(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(scratches(episodes.observe()))
     assert step.success.mean() >= 0.75

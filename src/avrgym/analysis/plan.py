@@ -34,7 +34,7 @@ from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.store import Store
 
 BOTH_UNITS = (TRIAL, PARTICIPANT)
-Expected = tuple[str, list[str], Question]
+SuggestedHypothesis = tuple[str, list[str], Question]
 """A suggested hypothesis: its text, its quantities, and the question of its tests."""
 
 
@@ -112,14 +112,14 @@ def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
     )
 
 
-def _above_midpoint(questionnaire: Questionnaire) -> Expected:
+def _above_midpoint(questionnaire: Questionnaire) -> SuggestedHypothesis:
     item = questionnaire.items[0]
     scale = f"{questionnaire.scale_of(item).middle:g}, the middle of its scale"
     text = f"With each policy participants rate {item.id} ({item.text}) above {scale}."
     return text, [item.id], midpoint_question(questionnaire)
 
 
-def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
+def _better_policy(design: Design, questionnaire: Questionnaire) -> SuggestedHypothesis:
     items = [item.id for item in questionnaire.items]
     text = f"Participants rate {', '.join(items)} higher with {design.policies[-1]} than with {design.policies[0]}."
     return text, items, policy_question(design, questionnaire)

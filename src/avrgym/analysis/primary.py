@@ -39,7 +39,7 @@ from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
 from avrgym.analysis.statistics.tests import holm_correction, significance_stars
 from avrgym.study.plan.plan import Plan
 
-Place = tuple[int, int]
+TestIndex = tuple[int, int]
 """Position of a test: index of the family, and index of the row in the family."""
 
 
@@ -67,7 +67,7 @@ def assign_roles(
         for place, row in enumerate(family.rows)
     }
     of_models = [_role_of_effect(row, plan) for row in models]
-    corrected: dict[Place, float | None] = {}
+    corrected: dict[TestIndex, float | None] = {}
     of_effects: dict[int, float | None] = {}
     for simulated in (False, True):
         tests = [
@@ -111,16 +111,16 @@ def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
     return SENSITIVITY if row.effect == POLICIES else SECONDARY
 
 
-Tested = tuple[float | None, Mapping[str, float]]
+TestDifferences = tuple[float | None, Mapping[str, float]]
 """p of a test, and the difference of each participant. For unpaired tests, the differences are empty."""
 
 
-def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
+def _p_and_differences(families: Sequence[Family], at: TestIndex) -> TestDifferences:
     family = families[at[0]]
     return family.rows[at[1]].p, family.differences[at[1]]
 
 
-def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
+def _corrected(tests: Sequence[TestDifferences], effects: Sequence[float | None]) -> list[float | None]:
     """Returns corrected p of the tests, then of the model effects.
 
     Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are both kinds,
@@ -137,7 +137,7 @@ def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list
 
 
 def _with_roles(
-    at: int, family: Family, roles: Mapping[Place, str], corrected: Mapping[Place, float | None]
+    at: int, family: Family, roles: Mapping[TestIndex, str], corrected: Mapping[TestIndex, float | None]
 ) -> Family:
     def given() -> Iterator[ComparisonRow]:
         for place, row in enumerate(family.rows):

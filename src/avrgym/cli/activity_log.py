@@ -28,7 +28,7 @@ def log(
 
 
 @contextmanager
-def logged(store: "Store", begins: str, ends: str) -> Generator[None]:
+def log_start_and_end(store: "Store", begins: str, ends: str) -> Generator[None]:
     """Context manager: add the log entry ``begins`` at the start of a long command, and ``ends`` at its end."""
     from avrgym.study.storage.states import StudyError
 

@@ -18,7 +18,7 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.policies.names import CHOICES
+from avrgym.policies.names import POLICY_CHOICES
 from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import expected_errors
 
@@ -77,7 +77,9 @@ def bench_vr(
     ] = 60.0,
     policy: Annotated[
         str | None,
-        typer.Option(help=f"The policy that drives the robot, by default an untrained network: {CHOICES}."),
+        typer.Option(
+            help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES}."
+        ),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

@@ -38,7 +38,7 @@ from avrgym.cli.terminal import (
     write_json,
 )
 from avrgym.people.population_names import POPULATION_NAMES
-from avrgym.policies.names import CHOICES
+from avrgym.policies.names import POLICY_CHOICES
 from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 
@@ -427,7 +427,9 @@ def evaluate(
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"The policy that drives the robot, by default revised: {CHOICES}. Repeatable."),
+        typer.Option(
+            help=f"The policy that drives the robot, by default revised: {POLICY_CHOICES}. Repeatable."
+        ),
     ] = None,
     people: Annotated[
         list[str] | None,
@@ -477,7 +479,7 @@ def evaluate(
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
     from avrgym.system.random_streams import split_of
-    from avrgym.tasks.placement_check import excess_draws
+    from avrgym.tasks.placement_check import describe_excess_draws
     from avrgym.tasks.settings import parse_settings
 
     with report_errors():
@@ -523,7 +525,7 @@ def evaluate(
                 warn(f"{_title(row)}: differs from the policy's training: {difference}")
             if row["trained_with_force_guard"] and not force_guard:
                 warn(f"{_title(row)}: was trained with the force guard; --force-guard evaluates it so")
-            crowded = excess_draws(row["start_draws_mean"], row["start_draws_max"])
+            crowded = describe_excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
                 warn(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.people import population_names
-from avrgym.policies.names import CHOICES
+from avrgym.policies.names import POLICY_CHOICES
 from avrgym.system.engines import ENGINES
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster as ConnectedCluster
 
 PEOPLE = population_names.ALLOWED_PEOPLE
-Policy = Annotated[str, typer.Option(help=f"The policy that drives the robot: {CHOICES}.")]
+Policy = Annotated[str, typer.Option(help=f"The policy that drives the robot: {POLICY_CHOICES}.")]
 Impairment = Annotated[
     str,
     typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS}."),
@@ -85,7 +85,7 @@ def cluster_connection(address: str | None, jobs: int | None) -> Generator["Conn
     if address is None:
         yield None
         return
-    from avrgym.system.cluster import connected
+    from avrgym.system.cluster import connect
 
-    with connected(address, jobs) as cluster:
+    with connect(address, jobs) as cluster:
         yield cluster

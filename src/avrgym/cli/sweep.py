@@ -43,7 +43,7 @@ def sweep(
         folder = out or Path("runs") / (file or Path()).stem
         if file is not None:
             sweeps.create(file, folder)
-        groups = sweeps.plan_of(folder)
+        groups = sweeps.trainings_by_group(folder)
         steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
         again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}

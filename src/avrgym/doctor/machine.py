@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from avrgym.doctor.finding import Finding, error, ok, warning
 from avrgym.system.files import write_atomically
-from avrgym.system.locks import locked
+from avrgym.system.locks import lock_folder
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import cpu_idle
 from avrgym.vr.server.connection_limits import FILE_HANDLE_DIVISOR, MAX_UNAUTHENTICATED, max_open_files
@@ -106,7 +106,7 @@ def check_writable(folder: Path) -> Finding:
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
             write_atomically(Path(trial) / "file", b"written")
-            with locked(Path(trial)):
+            with lock_folder(Path(trial)):
                 return ok(f"{folder}" if place == folder else f"{folder} can be created")
     except OSError as failure:
         return error(

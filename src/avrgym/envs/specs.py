@@ -28,26 +28,26 @@ class SerializableSpec:
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec
         if spec is not None:
-            kwargs: dict[str, Any] = plain(spec.kwargs)
+            kwargs: dict[str, Any] = plain_data(spec.kwargs)
             steps: int | None = kwargs.pop("max_episode_steps", spec.max_episode_steps)
             self._spec = copy.copy(spec)
             self._spec.kwargs, self._spec.max_episode_steps = kwargs, steps
 
 
-def plain(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
     """Returns a value as plain data for JSON. A person or a camera becomes a dictionary of fields."""
     if isinstance(value, Person):
-        return plain(asdict(value))
+        return plain_data(asdict(value))
     if isinstance(value, msgspec.Struct):
-        return plain(msgspec.to_builtins(value))
+        return plain_data(msgspec.to_builtins(value))
     if isinstance(value, Enum):
-        return plain(value.value)
+        return plain_data(value.value)
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()  # pyright: ignore[reportUnknownVariableType]
     if isinstance(value, Path):
         return str(value)
     if is_table(value):
-        return {name: plain(each) for name, each in value.items()}
+        return {name: plain_data(each) for name, each in value.items()}
     if is_array(value):
-        return [plain(each) for each in value]
+        return [plain_data(each) for each in value]
     return value

@@ -343,7 +343,7 @@ def _run(
     draws = world.start_draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
-    with registry.running(found, world, generators) as act:
+    with registry.open_policy(found, world, generators) as act:
         for _ in range(batch.steps):
             step = world.step(act(observation).astype(float), recorder)
             observation, success = step.observation, step.success

@@ -269,7 +269,7 @@ class RecurrentRecipe:
         schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
         for _ in range(steps):
             columns = random.integers(actions.shape[1], size=RECURRENT.imitation_sequences)
-            targets = [actions[:, columns], self._tool_motion.per_action(joint_positions[:, columns])]
+            targets = [actions[:, columns], self._tool_motion.motion_per_action(joint_positions[:, columns])]
             fit(
                 self._network,
                 optimizer,

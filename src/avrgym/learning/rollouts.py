@@ -25,7 +25,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import Controller
 
@@ -212,7 +212,7 @@ def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Co
     task = worlds.task
     if policy.memory is None:
         return task.feedback_expert(worlds)
-    return filtered(task.memory_expert or task.feedback_expert)(worlds)
+    return filter_tremor(task.memory_expert or task.feedback_expert)(worlds)
 
 
 class _Agent:

@@ -20,11 +20,11 @@ from ray.tune.schedulers import ASHAScheduler, FIFOScheduler
 
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration, contains_training, stored_configuration
-from avrgym.learning.sweep_file import PlannedTraining, Stopping, Sweep, planned, read_sweep
+from avrgym.learning.sweep_file import PlannedTraining, Stopping, Sweep, planned_trainings, read_sweep
 from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_atomically
-from avrgym.system.locks import locked
+from avrgym.system.locks import lock_folder
 
 SWEEP_FILE = "sweep.toml"
 SCHEDULE_FOLDER = "schedule"
@@ -59,20 +59,20 @@ def create(file: Path, out: Path) -> None:
         ValueError: for an invalid sweep. The message contains the allowed values.
         FileExistsError: if ``out`` already contains a sweep.
     """
-    planned(read_sweep(file), str(file))
+    planned_trainings(read_sweep(file), str(file))
     if (out / SWEEP_FILE).exists():
         raise FileExistsError(f"{out} already contains a sweep; choose another folder, or add --resume")
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / SWEEP_FILE, file.read_bytes())
 
 
-def plan_of(out: Path) -> dict[str, list[PlannedTraining]]:
+def trainings_by_group(out: Path) -> dict[str, list[PlannedTraining]]:
     """Returns the trainings of the sweep in a folder, by group.
 
     Raises:
         ValueError: if the folder contains no sweep.
     """
-    return planned(_stored(out), str(out / SWEEP_FILE))
+    return planned_trainings(_stored(out), str(out / SWEEP_FILE))
 
 
 def _stored(out: Path) -> Sweep:
@@ -94,8 +94,8 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
         RuntimeError: if trainings failed. The message contains the first error. All other trainings are complete.
     """
     sweep = _stored(out)
-    groups = planned(sweep, str(out / SWEEP_FILE))
-    with locked(out), _quiet():
+    groups = planned_trainings(sweep, str(out / SWEEP_FILE))
+    with lock_folder(out), _quiet():
         token = _report.set(report)
         try:
             failed = [

@@ -70,7 +70,7 @@ def read_sweep(path: Path) -> Sweep:
         raise validation_error(error, str(path)) from None
 
 
-def planned(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
+def planned_trainings(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
     """Returns the trainings of a sweep by group. A group contains the trainings with the same environment and people.
 
     Raises:

@@ -34,7 +34,7 @@ class ToolMotion:
         self._reach = scene.speed_limit * scene.control_step_s
         self._drives = scene.robot.drive is not None
 
-    def per_action(self, joint_positions: Float32Array) -> Tensor:
+    def motion_per_action(self, joint_positions: Float32Array) -> Tensor:
         """Returns the tool's motion in a control step per action, (..., 6, A), at joint positions (..., J).
 
         Rows 0–2 are translations in ``UNIT_M``, rows 3–5 rotations in ``UNIT_RAD``, both about or along x, y and z of
@@ -44,16 +44,16 @@ class ToolMotion:
         positions = joint_positions.reshape(-1, joints).astype(np.float64)
         by_speed = action_jacobian(self._chain, positions, drives=self._drives)
         units = np.repeat([UNIT_M, UNIT_RAD], 3)[:, None]
-        per_action = (by_speed * self._reach / units).astype(np.float32)
-        return torch.as_tensor(per_action.reshape(*joint_positions.shape[:-1], 6, len(self._reach)))
+        motion_per_action = (by_speed * self._reach / units).astype(np.float32)
+        return torch.as_tensor(motion_per_action.reshape(*joint_positions.shape[:-1], 6, len(self._reach)))
 
 
-def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tensor:
+def tool_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
     """Returns the mean squared error of the tool's motion and of the actions, weighted by ``MOTION_SCALE``.
 
-    ``actions`` and ``demonstrated`` actions are (..., A). ``per_action`` (..., 6, A) is from ``ToolMotion``.
+    ``actions`` and ``demonstrated`` actions are (..., A). ``motion_per_action`` (..., 6, A) is from ``ToolMotion``.
     """
     error = actions - demonstrated
-    motion, motion_error = ((per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
+    motion, motion_error = ((motion_per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
     squared = motion_error.square().mean(dim=-1) + ACTIONS_WEIGHT * error.square().mean(dim=-1)
     return (squared / (1.0 + motion.square().sum(dim=-1) / MOTION_SCALE**2)).mean()

@@ -43,7 +43,7 @@ from avrgym.people.populations import HUMAN_FILE, is_trained
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.simulation.engines.engine import check_ready
 from avrgym.system.files import write_atomically
-from avrgym.system.locks import locked
+from avrgym.system.locks import lock_folder
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
 from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
@@ -123,7 +123,7 @@ def train(
     if Path(configuration.people).is_dir() and is_trained(configuration.people):
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
-    with locked(out):
+    with lock_folder(out):
         _check_unused(out)
         store_people(configuration.people, out)
         for name, policy in copied.items():
@@ -157,7 +157,7 @@ def resume(
     """
     configuration = stored = stored_configuration(out)
     _check(configuration, stored_people(configuration.people, out), cluster)
-    with locked(out):
+    with lock_folder(out):
         if steps is not None and steps != configuration.steps:
             configuration = _lengthened(configuration, steps, out)
         trainer = _Trainer(configuration, out, report, cluster)

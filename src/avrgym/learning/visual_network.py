@@ -14,7 +14,7 @@ from avrgym.networks.vision import Vision
 
 CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
 """Number of output channels, kernel size and stride of each convolution."""
-SEEN, JOINED = 64, 96
+IMAGE_UNITS, COMBINED_UNITS = 64, 96
 """Units of the first dense layer (input: the image's features) and of the second (also the measured entries)."""
 
 
@@ -33,9 +33,9 @@ class VisualNetwork(nn.Module):
         self.convolutions = nn.ModuleList(convolutions)
         self.dense = nn.ModuleList(
             [
-                nn.Linear(height * width * channels, SEEN),
-                nn.Linear(SEEN + measured, JOINED),
-                nn.Linear(JOINED, len(estimated)),
+                nn.Linear(height * width * channels, IMAGE_UNITS),
+                nn.Linear(IMAGE_UNITS + measured, COMBINED_UNITS),
+                nn.Linear(COMBINED_UNITS, len(estimated)),
             ]
         )
         self._estimated = estimated

@@ -33,14 +33,14 @@ class Memory:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+            object.__setattr__(self, each.name, read_only_copy(getattr(self, each.name)))
 
     @property
     def units(self) -> int:
         """Number of units, U."""
         return self.hidden_weight.shape[0]
 
-    def after(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
+    def next_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
         """Returns the next hidden state (N, U), from inputs ``rows`` (N, inputs) and the previous state
         ``memory`` (N, U). Values are in [-1, 1].
         """
@@ -62,7 +62,7 @@ def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
     return outputs
 
 
-def frozen(array: Any) -> FloatArray:
+def read_only_copy(array: Any) -> FloatArray:
     """Returns a read-only float64 copy."""
     copy = np.array(array, np.float64, order="C")
     copy.setflags(write=False)

@@ -18,7 +18,7 @@ import safetensors
 import safetensors.numpy
 
 from avrgym.geometry import elementary
-from avrgym.networks.layers import Memory, frozen, product
+from avrgym.networks.layers import Memory, product, read_only_copy
 from avrgym.networks.vision import VISION_TENSORS, Vision
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
@@ -116,9 +116,9 @@ class Policy:
 
     def __post_init__(self):
         for name in ("weights", "biases"):
-            object.__setattr__(self, name, tuple(frozen(array) for array in getattr(self, name)))
+            object.__setattr__(self, name, tuple(read_only_copy(array) for array in getattr(self, name)))
         for name in ("observation_mean", "observation_variance"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only_copy(getattr(self, name)))
         _check_numbers(self)
         _check_shapes(self)
         _check_sums(self)
@@ -177,7 +177,7 @@ class Policy:
                 raise PolicyError(f"this policy needs images of the camera {self.metadata.camera}")
             rows = self._clip(self.vision.fill(rows, image))
         if self.memory is not None:
-            memory = self.memory.after(rows, memory)
+            memory = self.memory.next_state(rows, memory)
             rows = np.concatenate([rows, memory], axis=1)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             rows = elementary.tanh(product(rows, weight) + bias)

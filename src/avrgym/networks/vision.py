@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import FloatArray, NumpyArray
-from avrgym.networks.layers import frozen, product
+from avrgym.networks.layers import product, read_only_copy
 
 MAX_DEPTH_M = 1.2
 """Depth that is scaled to 1 in the network's input. Larger depths are clipped to 1."""
@@ -44,9 +44,9 @@ class Vision:
 
     def __post_init__(self) -> None:
         for name in ("kernels", "kernel_biases", "dense_weights", "dense_biases"):
-            object.__setattr__(self, name, tuple(frozen(array) for array in getattr(self, name)))
+            object.__setattr__(self, name, tuple(read_only_copy(array) for array in getattr(self, name)))
         for name in ("strides", "estimated"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only_copy(getattr(self, name)))
 
     def fill(self, rows: FloatArray, image: FloatArray) -> FloatArray:
         """Returns normalised observations (N, O) with the network's estimates in the estimated entries.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-DIGITS = 9
+SCORE_DECIMALS = 9
 """Number of decimals of scores. Scores that differ only by rounding errors become equal."""
 
 
@@ -73,13 +73,13 @@ class Weighting(NamedTuple):
 
     ``scale``: name of the weighted score. ``instrument``: name of the questionnaire that measures the weights; its
     scores are the weights. ``items``: the item that each of these weights multiplies. Weights are integers from 0 to
-    ``most``; their sum is ``total``.
+    ``max_weight``; their sum is ``total``.
     """
 
     scale: str
     instrument: str
     items: Mapping[str, str]
-    most: int
+    max_weight: int
     total: int
 
 
@@ -169,8 +169,8 @@ def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
     if set(weights) != set(weighting.items):
         given = ", ".join(weights) or "no item"
         raise ValueError(f"weights are given for {given}; allowed: one weight for each of {names}")
-    if not all(0 <= weight <= weighting.most for weight in weights.values()):
-        raise ValueError(f"a weight is out of range; allowed: integers from 0 to {weighting.most}")
+    if not all(0 <= weight <= weighting.max_weight for weight in weights.values()):
+        raise ValueError(f"a weight is out of range; allowed: integers from 0 to {weighting.max_weight}")
     total = sum(weights.values())
     if total != weighting.total:
         raise ValueError(f"the sum of the weights is {total}; allowed: {weighting.total}")
@@ -178,7 +178,7 @@ def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
 
 def _combine(scale: Scale, counts: Sequence[float]) -> float:
     moved = [count + scale.offset for count in counts]
-    return round(scale.factor * (fmean(moved) if scale.of == "mean" else sum(moved)), DIGITS)
+    return round(scale.factor * (fmean(moved) if scale.of == "mean" else sum(moved)), SCORE_DECIMALS)
 
 
 def _weighted(
@@ -190,4 +190,4 @@ def _weighted(
     if not all(item in counts for item in weighting.items.values()):
         return None
     total = sum(weights[name] * counts[item] for name, item in weighting.items.items())
-    return round(total / weighting.total, DIGITS)
+    return round(total / weighting.total, SCORE_DECIMALS)

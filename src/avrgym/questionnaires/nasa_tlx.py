@@ -74,7 +74,7 @@ NASA_TLX = Instrument(
         scale="weighted",
         instrument="nasa-tlx-weights",
         items=MappingProxyType({factor: f"tlx_{factor}" for factor in FACTORS}),
-        most=5,
+        max_weight=5,
         total=15,
     ),
 )

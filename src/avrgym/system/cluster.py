@@ -45,7 +45,7 @@ class _Worker:
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int]:
         """Call a function. Returns its result, and the sum of its progress reports."""
-        with jobs.counting() as reported:
+        with jobs.count_progress() as reported:
             result = function(*arguments)
         return result, reported()
 
@@ -241,7 +241,7 @@ def _check_versions(found: Mapping[str, str]) -> None:
 
 
 @contextmanager
-def connected(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
+def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     """Context manager: yields a connection to a Ray cluster.
 
     Args:

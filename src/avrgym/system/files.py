@@ -31,7 +31,7 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def unfinished(folder: Path) -> list[Path]:
+def unfinished_files(folder: Path) -> list[Path]:
     """Returns the temporary files in a folder that ``write_atomically`` left in killed processes."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
@@ -39,7 +39,7 @@ def unfinished(folder: Path) -> list[Path]:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove the files of ``unfinished`` from a folder."""
-    for path in unfinished(folder):
+    for path in unfinished_files(folder):
         path.unlink(missing_ok=True)
 
 

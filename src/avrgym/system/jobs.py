@@ -67,7 +67,7 @@ def report(done: int) -> None:
 
 
 @contextmanager
-def counting() -> Generator[Callable[[], int]]:
+def count_progress() -> Generator[Callable[[], int]]:
     """Context manager: count progress reports. Yields a function that returns their sum."""
     global _add
     before, counts = _add, [0]

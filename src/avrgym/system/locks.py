@@ -12,7 +12,7 @@ LOCK_FILE = "training.lock"
 
 
 @contextmanager
-def locked(folder: Path) -> Generator[None]:
+def lock_folder(folder: Path) -> Generator[None]:
     """Context manager: lock a folder. The kernel releases the lock when this process ends, even if it is killed.
 
     Raises:

@@ -13,14 +13,14 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, TypeVar
 
 
-class Named(Protocol):
+class NamedObject(Protocol):
     """An object with a name, which a plug-in provides."""
 
     @property
     def name(self) -> str: ...
 
 
-T = TypeVar("T", bound=Named)
+T = TypeVar("T", bound=NamedObject)
 TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
 """Names of entry point groups."""
 _LOG = logging.getLogger("avrgym.plugins")

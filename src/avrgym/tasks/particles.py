@@ -35,7 +35,7 @@ def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(Non
     return distance - state.person_radius_m[world]
 
 
-def count(events: BoolArray) -> FloatArray:
+def count_events(events: BoolArray) -> FloatArray:
     """Returns the number (N,) of particles with an event (N, K)."""
     return 1.0 * events.sum(axis=-1)
 

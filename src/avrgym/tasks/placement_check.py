@@ -42,10 +42,10 @@ class StartDrawStatistics:
     @property
     def fault(self) -> str:
         """Description of the error; empty without an error."""
-        return self.refused or excess_draws(self.mean, self.most)
+        return self.refused or describe_excess_draws(self.mean, self.most)
 
 
-def excess_draws(mean: float, most: int) -> str:
+def describe_excess_draws(mean: float, most: int) -> str:
     """Returns a description of the error if initial states need too many samples, otherwise an empty text."""
     if mean <= MAX_MEAN_DRAWS:
         return ""

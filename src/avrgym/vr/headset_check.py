@@ -30,14 +30,14 @@ def faults(check: HeadsetCheck) -> list[Text]:
     return [fault for faults_of in of_parts for fault in faults_of(check)]
 
 
-def result_message(check: HeadsetCheck, most: int) -> Text:
-    """Returns the result for the participant, with at most ``most`` faults and the number of further faults."""
+def result_message(check: HeadsetCheck, max_faults: int) -> Text:
+    """Returns the result for the participant, with at most ``max_faults`` faults and the number of further faults."""
     found = faults(check)
     if not found:
         return Text("headset_ready")
-    text = _in_a_row(found[:most])
-    if len(found) > most:
-        text = Text("more_faults", {"faults": text, "more": str(len(found) - most)})
+    text = _in_a_row(found[:max_faults])
+    if len(found) > max_faults:
+        text = Text("more_faults", {"faults": text, "more": str(len(found) - max_faults)})
     return Text("headset_not_ready", {"faults": text})
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from avrgym.study.export.trials import completed_attempts, verified
+from avrgym.study.export.trials import completed_attempts, verify_attempts
 from avrgym.study.storage.store import Store
 
 RECORDING = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
@@ -29,7 +29,7 @@ def count_undetected(folder: Path, count: int) -> int:
         (exported,) = (each for each in completed_attempts(store) if each.attempt.recording == RECORDING)
         for damaged in damaged_copies(content, count, np.random.default_rng(4)):
             path.write_bytes(damaged)
-            unnoticed += not verified([exported])[1]
+            unnoticed += not verify_attempts([exported])[1]
         path.write_bytes(content)
-        assert verified([exported])[1] == []
+        assert verify_attempts([exported])[1] == []
     return unnoticed

@@ -194,7 +194,7 @@ def p_values(
     }
 
 
-Named = tuple[tuple[str, str] | None, FloatArray]
+TestDifferences = tuple[tuple[str, str] | None, FloatArray]
 """(test, measure), and the difference of each participant. ``None``: the power of this test is not reported."""
 
 
@@ -203,7 +203,7 @@ def _primary(
     questionnaire: Questionnaire,
     means: FloatArray,
     objective: FloatArray,
-) -> Iterator[Named]:
+) -> Iterator[TestDifferences]:
     """Yields the primary tests of a simulated study. ``means``: (participants, policies, items)."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])

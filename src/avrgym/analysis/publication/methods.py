@@ -41,7 +41,7 @@ Sections = Mapping[str, list[str]]
 """The paragraphs of the methods section, by heading."""
 
 
-def missing(what: str) -> str:
+def placeholder(what: str) -> str:
     """Returns a placeholder for text that an author must write."""
     return f"[MISSING: {what}]"
 
@@ -95,11 +95,11 @@ def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     yield from analysis.losses
     if flow.simulated:
         return
-    yield f"Gender: {about.gender or missing('gender, as participants described it')}"
-    yield f"Experience with robots and VR: {about.experience or missing('experience with robots and with VR')}"
-    yield f"Recruitment: {about.recruitment or missing('recruitment of participants')}"
-    yield f"Compensation: {about.compensation or missing('compensation of participants')}"
-    yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
+    yield f"Gender: {about.gender or placeholder('gender, as participants described it')}"
+    yield f"Experience with robots and VR: {about.experience or placeholder('experience with robots and with VR')}"
+    yield f"Recruitment: {about.recruitment or placeholder('recruitment of participants')}"
+    yield f"Compensation: {about.compensation or placeholder('compensation of participants')}"
+    yield f"Ethics approval: {about.ethics_approval or placeholder('board and number of the approval')}"
     lost = flow.withdrawal_unknown + flow.consent_unknown
     unknown = (
         f"; unknown for {count_text(lost, 'participant')}, because the database was lost" if lost else ""
@@ -134,7 +134,7 @@ def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
 def _ages(people: Sequence[ParticipantRow]) -> str:
     ages = [row.age_years for row in people if row.age_years is not None]
     if not ages:
-        return f"Age: {missing('ages')}."
+        return f"Age: {placeholder('ages')}."
     spread = f", standard deviation {stdev(ages):.1f}" if len(ages) > 1 else ""
     unknown = f", not given by {len(people) - len(ages)}" if len(ages) < len(people) else ""
     return f"Age: {min(ages)} to {max(ages)} years, mean {fmean(ages):.1f}{spread}{unknown}."
@@ -175,7 +175,7 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     yield (
         f"AVR Gym {software.avrgym} simulated the robots ({', '.join(design.robots)}) and the person's body with "
         f"MuJoCo {software.mujoco} (as of this analysis; the report lists recordings of other versions). "
-        f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
+        f"Headset and controllers: {design.reporting.headset or placeholder('headset and controllers')}"
     )
     yield describe_by_design(analysed_designs(analysis, flow), design, _equipment)
     for name, rules in design.conditions.items():
@@ -223,7 +223,7 @@ def _latency(analysis: Analysis) -> str:
     flow = main_flow(analysis)
     total = total_latency(analysis.latency, simulated=flow.simulated) if flow else None
     if total is None:
-        return f"Latency from pose to picture: {missing('no recording contains it')}"
+        return f"Latency from pose to picture: {placeholder('no recording contains it')}"
     return (
         "Latency from a tracked pose to the picture of its simulation: "
         f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
@@ -237,7 +237,7 @@ def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         yield f"{asked} {LOST_ANSWERS}" if analysis.rebuilt_at else asked
     about = analysis.design.reporting
     days = f"Sessions took place {session_days(flow)}." if flow.first_day else "No session took place yet."
-    yield f"{days} Place: {about.location or missing('place of the sessions')}"
+    yield f"{days} Place: {about.location or placeholder('place of the sessions')}"
 
 
 def inclusion_answers(design: Design) -> str:
@@ -302,9 +302,9 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
     if plan is None:
         yield "Nothing was preregistered: all tests are exploratory."
     elif plan.plan is None:
-        yield f"The record of a frozen plan is missing or damaged: {missing('the frozen plan')}"
+        yield f"The record of a frozen plan is missing or damaged: {placeholder('the frozen plan')}"
     else:
-        rationale = plan.plan.sample_size_rationale or missing("reason for this number of participants")
+        rationale = plan.plan.sample_size_rationale or placeholder("reason for this number of participants")
         yield (
             f"{plan.origin_text} The frozen record has the SHA-256 {plan.record_sha256}. "
             f"{plan.plan.participants} participants were planned: {rationale}"

@@ -103,7 +103,7 @@ class Comparison:
     quantity: str
     a: Sample
     b: Sample
-    found: StatisticalTest
+    result: StatisticalTest
     participants: int
     differences: Mapping[str, float] = field(default_factory=dict[str, float])
 
@@ -121,7 +121,7 @@ class Family:
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
     """Returns the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
-    adjusted = holm_correction([test.found.p for test in allowed])
+    adjusted = holm_correction([test.result.p for test in allowed])
     name = question.family_name(unit)
     rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
     return Family(simulated, question, tuple(rows), tuple(test.differences for test in allowed))
@@ -131,14 +131,14 @@ def _without_small_test(test: Comparison) -> Comparison:
     """Returns the comparison. With too few participants, statistic, p and confidence interval are removed."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
-    found = test.found
-    note = TOO_FEW_PARTICIPANTS if found.p is not None else found.note
-    described = StatisticalTest(found.test, found.n, found.zeros, effect=found.effect, note=note)
-    return replace(test, found=described)
+    result = test.result
+    note = TOO_FEW_PARTICIPANTS if result.p is not None else result.note
+    described = StatisticalTest(result.test, result.n, result.zeros, effect=result.effect, note=note)
+    return replace(test, result=described)
 
 
 def _row(simulated: bool, family: str, unit: str, test: Comparison, p_holm: float | None) -> ComparisonRow:
-    found = test.found
+    result = test.result
     return ComparisonRow(
         simulated=simulated,
         family=family,
@@ -146,21 +146,21 @@ def _row(simulated: bool, family: str, unit: str, test: Comparison, p_holm: floa
         unit=unit,
         group_a=test.a[0],
         group_b=test.b[0],
-        test=found.test,
+        test=result.test,
         n_a=len(test.a[1]),
         n_b=len(test.b[1]),
-        n=found.n,
-        zeros=found.zeros,
+        n=result.n,
+        zeros=result.zeros,
         median_a=_median(test.a[1]),
         median_b=_median(test.b[1]),
-        statistic=found.statistic,
-        method=found.method,
-        p=found.p,
+        statistic=result.statistic,
+        method=result.method,
+        p=result.p,
         p_holm=p_holm,
-        effect=found.effect,
-        effect_low=found.effect_low if unit == PARTICIPANT else None,
-        effect_high=found.effect_high if unit == PARTICIPANT else None,
-        note=found.note,
+        effect=result.effect,
+        effect_low=result.effect_low if unit == PARTICIPANT else None,
+        effect_high=result.effect_high if unit == PARTICIPANT else None,
+        note=result.note,
     )
 
 
@@ -174,7 +174,7 @@ Key = tuple[str, ...]
 
 
 def compare_policies(
-    name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
+    name: str, policies: tuple[str, str], values: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
 ) -> Comparison:
     """Compare the second policy with the first policy by a signed-rank test.
 
@@ -182,7 +182,7 @@ def compare_policies(
     participant.
     """
     first, second = policies
-    a, b = given
+    a, b = values
     pairs = [key for key in a if key in b]
     before = values_by_unit(unit, {key: a[key] for key in pairs})
     after = values_by_unit(unit, {key: b[key] for key in pairs})
@@ -201,7 +201,7 @@ def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
     own: dict[Key, list[float]] = {}
     for key, value in values.items():
         own.setdefault(key[:1], []).append(value)
-    return {key: round(fmean(given), MEAN_DECIMALS) for key, given in own.items()}
+    return {key: round(fmean(values), MEAN_DECIMALS) for key, values in own.items()}
 
 
 def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:

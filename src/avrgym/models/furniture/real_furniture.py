@@ -59,11 +59,11 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 REAL_AS_VIRTUAL = RealFurniture()
 
 
-def real_furniture(otherwise: RealFurniture, **given: float | None) -> RealFurniture:
-    """Returns a copy of ``otherwise`` in which the ``given`` values that are not ``None`` replace its fields.
+def real_furniture(defaults: RealFurniture, **values: float | None) -> RealFurniture:
+    """Returns a copy of ``defaults`` in which the ``values`` values that are not ``None`` replace its fields.
 
     Raises:
         ValueError: for a value out of range.
     """
-    changed = {name: value for name, value in given.items() if value is not None}
-    return RealFurniture(**msgspec.structs.asdict(otherwise) | changed)
+    changed = {name: value for name, value in values.items() if value is not None}
+    return RealFurniture(**msgspec.structs.asdict(defaults) | changed)

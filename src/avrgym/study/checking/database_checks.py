@@ -17,7 +17,7 @@ from avrgym.study.storage.rows import RECORDINGS
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import exposed_paths, restrict_to_owner, unfinished
+from avrgym.system.files import exposed_paths, restrict_to_owner, unfinished_files
 
 _GONE = ("excluded", "withdrawn", UNKNOWN)
 """States of participants who are in no analysis."""
@@ -51,7 +51,7 @@ def check_private(store: Store) -> Iterator[Finding]:
     analysis = store.folder / ANALYSIS
     for path in [
         *identity_file.unfinished_files(store.folder),
-        *unfinished(analysis),
+        *unfinished_files(analysis),
         *unfinished_analyses(analysis),
     ]:
         yield Finding(

@@ -32,7 +32,7 @@ from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whi
 
 ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
-CONSENT = "consent"
+CONSENT_FIELD = "consent"
 """A design field that another check compares, for each participant separately."""
 NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
 """Design fields without effect on participants. A different value is not an error."""
@@ -106,7 +106,7 @@ def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign
 
 def _of_sessions(design: Design) -> dict[str, Any]:
     """Names and values of the design fields that affect sessions."""
-    before = (*ADMISSION_FIELDS, CONSENT)
+    before = (*ADMISSION_FIELDS, CONSENT_FIELD)
     return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 

@@ -34,7 +34,9 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
     return balanced_orders(tasks, conditions, random_streams.condition_orders(seed))
 
 
-def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
+def least_filled_cell(
+    order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
+) -> int:
     """The cell for the next participant: the least filled cell at the participant's site.
 
     Args:
@@ -42,7 +44,7 @@ def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Ite
         taken: the cells of participants at the same site.
         elsewhere: the cells of participants at other sites; compared if several cells are least filled at this site.
     """
-    here, others = Counter(taken), Counter(elsewhere)
+    here, others = Counter(cells_at_site), Counter(cells_elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 
 from avrgym.study.export.records import NO_EXTRAS, Extras
-from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
+from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verify_attempts
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -83,7 +83,7 @@ def export_study(
         write = partial(write, extras=extras)
     if cameras:
         write = partial(write, cameras=cameras)
-    sound, left_out = verified(list(completed_attempts(store)), progress)
+    sound, left_out = verify_attempts(list(completed_attempts(store)), progress)
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))
     for each in left_out:

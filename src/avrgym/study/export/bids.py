@@ -16,7 +16,7 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
+from avrgym.study.export.physio import Series, corrected_text_streams, recorded_series, text_events
 from avrgym.study.export.records import NO_EXTRAS, Extras, record_tables, write_table
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
@@ -140,8 +140,8 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     write_json(folder / f"{name}_channels.json", _reference_frame())
     write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
-    events = [*topics["/events"], *marks(topics)]
-    _write_events(events, start_s, folder / f"{name}_events", corrected_marks(topics, start_s))
+    events = [*topics["/events"], *text_events(topics)]
+    _write_events(events, start_s, folder / f"{name}_events", corrected_text_streams(topics, start_s))
     for series in recorded_series(topics, start_s):
         _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
 

@@ -19,7 +19,7 @@ from avrgym.array_types import NumpyArray
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import NOTICE
 from avrgym.study.export.table_files import write_json
-from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 from avrgym.tasks.observation import number_names
 from avrgym.tasks.registry import TASKS
@@ -38,7 +38,7 @@ def write(
 ) -> None:
     """Write completed attempts as LeRobot datasets."""
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
-    for scene, attempts in scenes(completed).items():
+    for scene, attempts in group_by_scene(completed).items():
         _write_dataset(attempts, folder / scene, cameras)
 
 

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from avrgym.study.export import NOTICE
-from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 
 MINARI_VERSION = "0.5.0"
@@ -25,7 +25,7 @@ MINARI_VERSION = "0.5.0"
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
     """Write completed attempts as Minari datasets."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
-    for scene, attempts in scenes(completed).items():
+    for scene, attempts in group_by_scene(completed).items():
         data = folder / "avrgym" / scene / "study-v0" / "data"
         data.mkdir(parents=True)
         with h5py.File(data / "main_data.hdf5", "x", track_order=True) as file:

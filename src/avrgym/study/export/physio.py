@@ -83,7 +83,7 @@ def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
             yield _series(stream, sample_times(chunks, stream.rate_hz), start_s, values)
 
 
-def marks(topics: Topics) -> list[tuple[int, Event]]:
+def text_events(topics: Topics) -> list[tuple[int, Event]]:
     """Samples of text streams as events, with their times in nanoseconds. The event's name is the stream's name."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
@@ -94,7 +94,7 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
     ]
 
 
-def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
+def corrected_text_streams(topics: Topics, start_s: float) -> dict[str, Any]:
     """Time corrections of each text stream that has any, by stream name."""
     found = {
         name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from avrgym.study.export import NOTICE
-from avrgym.study.export.trials import ExportedAttempt, scenes
+from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 
 ENV_TYPE_GYM = 2
@@ -30,7 +30,7 @@ def write(
 ) -> None:
     """Write completed attempts as robomimic files."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
-    for scene, attempts in scenes(completed).items():
+    for scene, attempts in group_by_scene(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
             _write_file(file, attempts, cameras)
 

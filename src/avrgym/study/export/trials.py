@@ -219,7 +219,7 @@ class LeftOut:
     reason: str
 
 
-def verified(
+def verify_attempts(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
     """Split attempts into those with a complete, unchanged recording, and those that cannot be exported.
@@ -238,7 +238,7 @@ def verified(
     return sound, left_out
 
 
-def scenes(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
+def group_by_scene(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
     """Attempts by scene (task and robot), for formats in which a dataset's observations have one size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:

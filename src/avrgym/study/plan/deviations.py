@@ -10,7 +10,7 @@ import tomlkit
 
 from avrgym.study.checking.design_checks import (
     ADMISSION_FIELDS,
-    CONSENT,
+    CONSENT_FIELD,
     admission_differences,
     differences_of,
 )
@@ -83,7 +83,7 @@ def _session_values(
         )
         for each in differences_of(design, wordings, sessions)
     }
-    admitted = admission_differences(store, design, (CONSENT, *ADMISSION_FIELDS))
+    admitted = admission_differences(store, design, (CONSENT_FIELD, *ADMISSION_FIELDS))
     return found | {
         (DESIGN, place, value_text(there)): (value_text(here), ", ".join(people))
         for (place, here, there), people in admitted

@@ -38,7 +38,7 @@ class Actor:
     """A person, and the method of identification (one of ``IDENTIFICATION_METHODS``)."""
 
     name: str
-    known_by: str
+    identified_by: str
 
 
 def account_actor() -> Actor:
@@ -85,7 +85,7 @@ def add_entry(
             id=_next_id(connection),
             at=at or now(),
             person=actor.name,
-            known_by=actor.known_by,
+            known_by=actor.identified_by,
             name=name,
             participant=_number(participant),
             detail=detail,

@@ -31,7 +31,7 @@ from avrgym.tasks.experts.feedback import (
     funnel_standoff_m,
 )
 from avrgym.tasks.experts.head_clearance import face_direction
-from avrgym.tasks.particles import count
+from avrgym.tasks.particles import count_events
 from avrgym.tasks.task import RunningEpisodes
 
 MIN_SPEED_M_S = 0.02
@@ -122,7 +122,7 @@ class MemoryExpert:
         at_lips_w, _ = expert.at_mouth(state, way, tilt, cup)
         aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
-        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count(in_cup(state, cup))
+        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count_events(in_cup(state, cup))
         tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)

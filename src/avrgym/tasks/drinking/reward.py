@@ -13,7 +13,7 @@ from avrgym.models.cup import CUP_SHAPE, WATER, CupShape
 from avrgym.models.human import People
 from avrgym.simulation.worlds import State
 from avrgym.tasks.feeding.reward import strong_tool_force
-from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count_events, touching_person
 from avrgym.tasks.task import StepResult
 
 MOUTH_RADIUS_M = 0.03
@@ -78,12 +78,12 @@ def evaluate_step(
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
         "off_horizontal_rad": xp.abs(tilt_rad(state) - 0.5 * np.pi),
-        "water_in_mouth": count(drunk),
-        "water_spilled": count(spilled),
+        "water_in_mouth": count_events(drunk),
+        "water_spilled": count_events(spilled),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "strong_tool_force_n": strong_tool_force(state),
         "links_force_n": state.links_force_n,
-        "water_on_person": count(on_person),
+        "water_on_person": count_events(on_person),
         "water_entry_speed_m_s": xp.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
     }
     success = after.drunk.sum(axis=-1) >= SUCCESS_SHARE * after.drunk.shape[-1]

@@ -63,19 +63,19 @@ class FeedbackExpert:
         return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
-def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
+def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m: float) -> FloatArray:
     """Standoff (N,) from the goal along ``axis``, as in ``standoff_m``. The lateral offset is the part of ``offset``
     (N, 3), from tool to goal, that is perpendicular to ``axis``."""
-    return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
+    return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
 
 
-def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
+def standoff_m(beside_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
     """Standoff (N,) from the goal for lateral offsets (N,), in metres.
 
     The standoff is 0 for offsets up to ``free_m``. For larger offsets the standoff increases linearly, to at most
-    ``most_m``.
+    ``max_m``.
     """
-    return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
+    return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, max_m)
 
 
 def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:

@@ -15,7 +15,7 @@ FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
 """Parts of the state that contain the person's pose."""
 
 
-def filtered(expert: Expert) -> Expert:
+def filter_tremor(expert: Expert) -> Expert:
     """Returns the expert with a changed input: the person's pose is the mean of the present and the previous control
     step.
 

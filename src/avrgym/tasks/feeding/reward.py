@@ -12,7 +12,7 @@ from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M, Offset
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count_events, touching_person
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
@@ -77,12 +77,12 @@ def evaluate_step(
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
-        "food_in_mouth": count(newly_eaten),
-        "food_dropped": count(newly_dropped),
+        "food_in_mouth": count_events(newly_eaten),
+        "food_dropped": count_events(newly_dropped),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "strong_tool_force_n": strong_tool_force(state),
         "links_force_n": state.links_force_n,
-        "food_on_person": count(newly_on_person),
+        "food_on_person": count_events(newly_on_person),
         "food_entry_speed_m_s": namespace(speed).where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * after.eaten.shape[-1]

@@ -67,7 +67,7 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
     withdraws.
     """
     out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
-    return blended_target(state, task_state, planner, faces_in(out_w) * (not planner.scene.mount.on_floor))
+    return blended_target(state, task_state, planner, front_share(out_w) * (not planner.scene.mount.on_floor))
 
 
 def blended_target(
@@ -94,7 +94,7 @@ def blended_target(
     return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, DRAW_BACK_SPEED_M_S, speed)
 
 
-def faces_in(
+def front_share(
     out_w: FloatArray, inwards: Range = INWARD_RANGE, not_down: Range = NOT_DOWNWARD_RANGE
 ) -> FloatArray:
     """Share (N,) of the approach from the front for skin normals (N, 3), mostly 0 or 1; world frame."""

@@ -12,14 +12,14 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, FeedbackExpert, FeedbackPlanner
 from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, surface
-from avrgym.tasks.scratch_itch.feedback_expert import Range, blended_target, faces_in, scratching_target
+from avrgym.tasks.scratch_itch.feedback_expert import Range, blended_target, front_share, scratching_target
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 
 class Swing(NamedTuple):
     """Joint displacements (J,) of the motion to the front, and ranges of the skin normals for which this motion is
-    used, see ``faces_in``."""
+    used, see ``front_share``."""
 
     displacement: tuple[float, ...]
     inwards: Range
@@ -59,7 +59,7 @@ class SwingsInFront:
         planner.relax()
         self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
-        in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
+        in_front = front_share(out_w, self._swing.inwards, self._swing.not_down)
         pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
         joint_positions = planner.line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         swings = (in_front > SWING_THRESHOLD) & ~self._swung

@@ -43,7 +43,7 @@ class CpuSteal:
         context = multiprocessing.get_context("spawn")
         for processor in processors:
             here, there = context.Pipe()
-            process = context.Process(target=watch, args=(processor, there), daemon=True)
+            process = context.Process(target=monitor_processor, args=(processor, there), daemon=True)
             process.start()
             self._processes.callback(process.join)
             self._watchers.append(here)
@@ -67,7 +67,7 @@ class CpuSteal:
         return spans
 
 
-def watch(processor: int, end: Connection) -> None:
+def monitor_processor(processor: int, end: Connection) -> None:
     """Main function of the process that monitors one processor.
 
     Sends through ``end`` whether the system allows monitoring. After it receives a message from ``end``, it sends the

@@ -42,7 +42,7 @@ STEAL_COLUMN = 8
 """Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
-Spread = dict[str, float]
+Percentiles = dict[str, float]
 """Percentiles in milliseconds, by name."""
 
 
@@ -63,12 +63,12 @@ class VrSpeed:
     env: str
     seconds: float
     rate_hz: float
-    tick_ms: Spread
-    processor_ms: Spread
-    round_trip_ms: Spread
-    undisturbed_tick_ms: Spread | None
-    undisturbed_round_trip_ms: Spread | None
-    stages_ms: dict[str, Spread]
+    tick_ms: Percentiles
+    processor_ms: Percentiles
+    round_trip_ms: Percentiles
+    undisturbed_tick_ms: Percentiles | None
+    undisturbed_round_trip_ms: Percentiles | None
+    stages_ms: dict[str, Percentiles]
     missed_deadlines: int
     missed_running: int | None
     stolen_s: float
@@ -197,11 +197,11 @@ class _TimedSession(Session):
             self._times.note_tick(began, time.thread_time() - computed_before)
 
 
-Trips = dict[int, tuple[float, float]]
+RoundTrips = dict[int, tuple[float, float]]
 """By number of the tracking frame: the time of its sending, and of the arrival of the first state that includes it."""
 
 
-def _attend(server: LiveServer[Session], seconds: float) -> Trips:
+def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
     """Run the client's process until the trial is over. Returns the round trips of the trial."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
@@ -245,7 +245,7 @@ class _Client:
         self._phase, self._states = "", 0
         self._over = Event()
 
-    def run(self) -> Trips:
+    def run(self) -> RoundTrips:
         self._send(messages.Entered())
         sender = Thread(target=self._track)
         sender.start()
@@ -289,7 +289,7 @@ class _Client:
         self._socket.send(messages.encode(message))
 
 
-def _sum_up(environment_id: str, times: _Times, trips: Trips) -> VrSpeed:
+def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> VrSpeed:
     whole = [n for n in trips if n in times.arrived and n in times.taken and n in times.answered]
     sent, came = (np.array([trips[n][i] for n in whole]) for i in (0, 1))
     arrived, taken, answered = (
@@ -340,11 +340,13 @@ def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTic
     return running
 
 
-def _spread(seconds: FloatArray) -> Spread:
+def _spread(seconds: FloatArray) -> Percentiles:
     return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILES.items()}
 
 
-def _undisturbed(stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray) -> Spread | None:
+def _undisturbed(
+    stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray
+) -> Percentiles | None:
     """Returns percentiles of the durations of events without CPU steal; ``None`` if there are none."""
     if stood_still is None:
         return None

@@ -78,7 +78,7 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
 def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
     """Compile the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
     with suppress(RuntimeError, ValueError):
-        registry.prepare(policy, episodes)
+        registry.render_once(policy, episodes)
 
 
 class SynchronousDriver:
@@ -168,7 +168,9 @@ class ThreadedDriver:
     def _ask(self, observation: FloatArray) -> None:
         """Request the action for an observation (1, O)."""
         try:
-            (row,) = registry.observed(self._controller_factory, self._episodes, observation.copy())
+            (row,) = registry.controller_observations(
+                self._controller_factory, self._episodes, observation.copy()
+            )
         except (RuntimeError, ValueError) as error:  # no image can be rendered
             self._hold(str(controllers.controller_error(error)))
             return

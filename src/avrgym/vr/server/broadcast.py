@@ -120,7 +120,7 @@ class Broadcast:
         self._watchers: list[tuple[Role, Outbox]] = []
 
     @property
-    def taken(self) -> bool:
+    def has_participant(self) -> bool:
         """Whether a participant is connected."""
         return self._participant is not None
 

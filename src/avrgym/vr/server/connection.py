@@ -170,7 +170,7 @@ async def _authenticate(
         if caller is None or caller.role not in channel.roles:
             why = tokens.refusal(hello.token)
             refusal, language = (why.code, why.message), why.language
-        elif caller.role == "participant" and broadcast.taken:
+        elif caller.role == "participant" and broadcast.has_participant:
             refusal = 4409, "a participant is already connected; only one is allowed"
         else:
             return hello

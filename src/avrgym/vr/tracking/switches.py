@@ -73,7 +73,7 @@ class Correction:
         return _pose(pos, q)
 
 
-def between(grip: XRPose, followed: XRPose) -> Correction:
+def correction_between(grip: XRPose, followed: XRPose) -> Correction:
     """Returns the correction from one grip to another."""
     there, there_q = transforms.invert(*_arrays(grip))
     pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
@@ -105,7 +105,7 @@ class Hand:
         return self._followed
 
     def _switch(self, grip: XRPose, followed: XRPose, gap_s: float) -> None:
-        found = between(grip, followed)
+        found = correction_between(grip, followed)
         self._correction = found if found.is_plausible and gap_s <= MAX_SWITCH_GAP_S else None
         self._rested = np.array(grip.position)
 
