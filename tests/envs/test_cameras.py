@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.envs.benchmark import CAMERA_SIZES_PX, measure_cameras
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.models.cameras import KINDS, LABELS, MAX_DEPTH_M, SCENE, WRIST, CameraSpec
+from avrgym.models.cameras import KINDS, MAX_DEPTH_M, SCENE, SEGMENTATION_LABELS, WRIST, CameraSpec
 from avrgym.models.robot import CameraMount
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.validation import check_robot
@@ -52,7 +52,7 @@ def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):
             expected, observed = plain.step(action)[0], seeing.step(action)[0]
     assert isinstance(observed, dict)
     seen = np.unique(observed[f"{SCENE}_segmentation"])
-    assert {"person", "robot", "furniture"} <= {LABELS[number] for number in seen}
+    assert {"person", "robot", "furniture"} <= {SEGMENTATION_LABELS[number] for number in seen}
     seeing.close()
 
 
@@ -122,12 +122,14 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
         data, number = model._data, model.model.camera(WRIST).id
         food_w = episodes.state().particle_pos_w[world]
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]
-        food = depth[labels == LABELS.index("particles")]
+        food = depth[labels == SEGMENTATION_LABELS.index("particles")]
         assert_allclose(food.min(), ahead_m.min() - 0.005, atol=0.002)
         assert ((food > ahead_m.min() - 0.006) & (food < ahead_m.max() + 0.005)).all()
         assert depth.max() == np.float32(MAX_DEPTH_M)
         assert (labels[depth < 1.0] > 0).all()
-        assert {"person", "robot", "tool", "furniture"} <= {LABELS[each] for each in np.unique(labels)}
+        assert {"person", "robot", "tool", "furniture"} <= {
+            SEGMENTATION_LABELS[each] for each in np.unique(labels)
+        }
 
 
 @pytest.mark.slow

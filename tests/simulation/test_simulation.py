@@ -10,7 +10,7 @@ from avrgym.models.human import Person
 from avrgym.models.robot import PREFIX as ROBOT
 from avrgym.models.scene import TOOL
 from avrgym.people import distributions
-from avrgym.simulation.worlds import PARKING_W, Simulation
+from avrgym.simulation.worlds import REMOVED_PARTICLE_POS_W, Simulation
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding.task import SPOON_Q_W
@@ -221,11 +221,11 @@ def test_parked_food_rests_far_from_everything():
     episodes = reset_episodes(2)
     gone = np.zeros((2, 8), dtype=bool)
     gone[0, [2, 7]] = gone[1, 0] = True
-    episodes.simulation.park(gone)
+    episodes.simulation.remove_particles(gone)
     for _ in range(10):
         episodes.step(np.zeros((2, 7)))
     state = episodes.simulation.state()
-    assert_allclose(state.particle_pos_w[gone], np.broadcast_to(PARKING_W, (3, 3)), atol=0.2)
+    assert_allclose(state.particle_pos_w[gone], np.broadcast_to(REMOVED_PARTICLE_POS_W, (3, 3)), atol=0.2)
     assert np.abs(state.particle_velocity_w[gone]).max() < 1e-3
     beside = np.abs(state.particle_pos_w[~gone] - np.repeat(state.tool_pos_w, [6, 7], axis=0))
     assert beside.max() < 0.05

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.study.export import FORMATS, LEFT_OUT, export_study
+from avrgym.study.export import FORMATS, LEFT_OUT_FILE, export_study
 from avrgym.study.export.trials import completed_attempts, verify_attempts
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.states import StudyError
@@ -107,7 +107,7 @@ def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> No
     assert result.exit_code == 0
     assert f"left out  {RECORDING} was changed" in result.stdout
     out = folder.parent / "out"
-    (row,) = rows(out / LEFT_OUT)
+    (row,) = rows(out / LEFT_OUT_FILE)
     assert (row["participant"], row["position"], row["reason"]) == (
         "sub-001", "2", f"{RECORDING} was changed: its checksum differs",
     )  # fmt: skip
@@ -119,7 +119,7 @@ def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> No
 def test_undamaged_study_lists_no_problems(folder: Path, data_format: str) -> None:
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
     out = folder.parent / "out"
-    assert not (out / LEFT_OUT).exists()
+    assert not (out / LEFT_OUT_FILE).exists()
     assert exported_trials(out, data_format) == 2 * TRIALS
 
 
@@ -151,7 +151,7 @@ def test_export_without_readable_recordings(folder: Path, data_format: str) -> N
     for path in folder.rglob("*.mcap"):
         path.unlink()
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
-    assert len(rows(folder.parent / "out" / LEFT_OUT)) == 2 * TRIALS
+    assert len(rows(folder.parent / "out" / LEFT_OUT_FILE)) == 2 * TRIALS
 
 
 def test_recording_of_another_station_is_reported(folder: Path) -> None:

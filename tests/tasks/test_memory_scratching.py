@@ -7,7 +7,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.feedback_expert import front_share
-from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, memory_expert
+from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingToFront, memory_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.itches import forearm_itch
@@ -34,7 +34,7 @@ def test_outer_skin_is_scratched_like_the_feedback_expert(robot):
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = reset_episodes(robot, INNER_RAD)
     patient, reactive = memory_expert(episodes), episodes.task.feedback_expert(episodes)
-    assert isinstance(patient, SwingsInFront)
+    assert isinstance(patient, SwingToFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
     assert np.all(front_share(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
     way_rad, swung = np.array(SWINGS[robot].displacement), []

@@ -9,8 +9,8 @@ from avrgym.analysis.study import Analysis
 from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERITIES, SOURCES
 
 Condition = tuple[str | None, str | None]
-"""Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE`` for events outside trials."""
-PRACTICE, OUTSIDE = ("practice", None), (None, None)
+"""Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE_TRIALS`` for events outside trials."""
+PRACTICE, OUTSIDE_TRIALS = ("practice", None), (None, None)
 NONE = "No adverse events were recorded."
 REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
 SAFETY_NOTE = (
@@ -68,7 +68,7 @@ def _by_condition(analysis: Analysis, events: Sequence[Mapping[str, Any]]) -> Ma
         exposed = {row.participant for row in trials if _of_trial(row) == condition and row.attempts}
         severities = [sum(row["severity"] == grade for row in own) for grade in SEVERITIES]
         people = len({row["participant"] for row in own})
-        numbers = "–" if condition == OUTSIDE else len(exposed)
+        numbers = "–" if condition == OUTSIDE_TRIALS else len(exposed)
         body.append((_named(condition), numbers, len(own), people, *severities, _serious(own), _related(own)))
     heads = ("Condition", "People exposed", "Events", "People with events", *map(str.capitalize, SEVERITIES))
     caption = "Adverse events by condition, from their latest reports; with people who withdrew"
@@ -105,10 +105,10 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Returns the conditions of ``trials``, sorted; then ``PRACTICE`` if there was practice, then ``OUTSIDE``."""
+    """Returns the sorted conditions of ``trials``, then ``PRACTICE`` if there was practice, then ``OUTSIDE_TRIALS``."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
-    return [*found, *practice, OUTSIDE]
+    return [*found, *practice, OUTSIDE_TRIALS]
 
 
 def _of_trial(row: TrialRow) -> Condition:
@@ -120,7 +120,7 @@ def _of(robot: str | None, policy: str | None, practice: bool | None) -> Conditi
 
 
 def _named(condition: Condition) -> str:
-    if condition == OUTSIDE:
+    if condition == OUTSIDE_TRIALS:
         return "outside trials"
     return "practice" if condition == PRACTICE else " ".join(map(str, condition))
 

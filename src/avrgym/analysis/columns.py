@@ -7,7 +7,7 @@ from avrgym.study.export import rows
 from avrgym.study.export.codebook import TABLES
 from avrgym.system.columns import Column
 
-FROM_0, FROM_1, SHARE = "0 and above", "1 and above", "0 to 1"
+AT_LEAST_0, AT_LEAST_1, SHARE = "0 and above", "1 and above", "0 to 1"
 ABOUT_SESSIONS = "the row is about whole sessions"
 NOT_TESTED = "no test was possible"
 _ANSWERS = TABLES["answers"]
@@ -25,7 +25,7 @@ Site = rows.Site
 TaskName = rows.TaskName
 PolicyNameOrNone = Annotated[str | None, replace(TABLES["attempts"]["policy"], empty=ABOUT_SESSIONS)]
 ItemName = Annotated[str, _ANSWERS["item"]]
-N = Annotated[int, Column("Number of values.", allowed=FROM_0)]
+N = Annotated[int, Column("Number of values.", allowed=AT_LEAST_0)]
 Mean = Annotated[float, Column("Mean.")]
 Minimum = Annotated[float, Column("Minimum.")]
 LowerQuartile = Annotated[float, Column("Lower quartile, by linear interpolation.")]
@@ -36,7 +36,7 @@ Family = Annotated[str, Column("Family of tests that are corrected together.")]
 Quantity = Annotated[str, Column("The quantity; its name ends with its unit.")]
 GroupA = Annotated[str, Column("First group of the comparison.")]
 GroupB = Annotated[str, Column("Second group of the comparison.")]
-Zeros = Annotated[int, Column("Number of zero differences, which the test omits.", allowed=FROM_0)]
+Zeros = Annotated[int, Column("Number of zero differences, which the test omits.", allowed=AT_LEAST_0)]
 MedianA = Annotated[float | None, Column("Median of the first group.", empty="no values, or positions")]
 MedianB = Annotated[float | None, Column("Median of the second group.", empty="no values, or positions")]
 EffectSize = Annotated[

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_1, IsSimulated, QuestionnaireName
+from avrgym.analysis.columns import AT_LEAST_1, IsSimulated, QuestionnaireName
 from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
@@ -25,7 +25,7 @@ class ItemRow:
     questionnaire: QuestionnaireName
     item: Annotated[str, _ITEMS["item"]]
     version: Annotated[
-        int, Column("Version of the item; it increases when an answered item changes.", allowed=FROM_1)
+        int, Column("Version of the item; it increases when an answered item changes.", allowed=AT_LEAST_1)
     ]
     text: Annotated[str, _ITEMS["text"]]
     minimum: Annotated[int, _ITEMS["minimum"]]
@@ -34,7 +34,7 @@ class ItemRow:
     low: Annotated[str, _ITEMS["low"]]
     high: Annotated[str, _ITEMS["high"]]
     participants: Annotated[str, Column("The participants who answered it.")]
-    answers: Annotated[int, Column("Number of answers to it.", allowed=FROM_1)]
+    answers: Annotated[int, Column("Number of answers to it.", allowed=AT_LEAST_1)]
 
 
 def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:

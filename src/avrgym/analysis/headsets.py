@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_0, SHARE, IsSimulated, Pseudonym, Session
+from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, Pseudonym, Session
 from avrgym.analysis.page.elements import Markup, count_text, join, number_text, table, tag
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
@@ -34,7 +34,7 @@ class HeadsetRow:
     display_hz: Annotated[
         float | None, Column("Refresh rate of the display.", unit="Hz", empty=_NOT_MEASURED)
     ]
-    frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=FROM_0)]
+    frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=AT_LEAST_0)]
     dropped_share: Annotated[float, Column("Share of dropped frames.", allowed=SHARE)]
     latency_p50_ms: Annotated[
         float | None, Column("Median latency from pose to picture.", unit="ms", empty=_NOT_MEASURED)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_0, IsSimulated
+from avrgym.analysis.columns import AT_LEAST_0, IsSimulated
 from avrgym.analysis.page.elements import Markup, group_caption, table, tag
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.recording.schema import Latency
@@ -24,10 +24,10 @@ class LatencyRow:
     ]
     simulated: IsSimulated
     stage: Annotated[str, Column("Stage from pose to picture; total_ms is the total latency.")]
-    pictures: Annotated[int, Column("Number of tracking frames that a picture showed.", allowed=FROM_0)]
-    p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=FROM_0)]
-    p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=FROM_0)]
-    p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=FROM_0)]
+    pictures: Annotated[int, Column("Number of tracking frames that a picture showed.", allowed=AT_LEAST_0)]
+    p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=AT_LEAST_0)]
+    p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
+    p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_0, IsSimulated, PolicyName, RobotName, TaskName
+from avrgym.analysis.columns import AT_LEAST_0, IsSimulated, PolicyName, RobotName, TaskName
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, table, tag
 from avrgym.study.checking.repeats import REASONS, AttemptedTrial, Repeat
 from avrgym.study.design.design import Design
@@ -21,20 +21,22 @@ class RepeatRow:
     robot: RobotName
     policy: PolicyName
     trials: Annotated[
-        int, Column("Number of started trials of the condition, without practice trials.", allowed=FROM_0)
+        int, Column("Number of started trials of the condition, without practice trials.", allowed=AT_LEAST_0)
     ]
     reason: Annotated[str, Column("Reason of the repeats.", allowed=", ".join(REASONS))]
     cause: Annotated[str, Column("The cause as text.")]
     ordered_by: Annotated[
         str, Column("The experimenter who requested the repeats.", empty="no experimenter requested them")
     ]
-    repeated: Annotated[int, Column("Number of trials repeated for this cause.", allowed=FROM_0)]
+    repeated: Annotated[int, Column("Number of trials repeated for this cause.", allowed=AT_LEAST_0)]
     replaced_attempts: Annotated[
-        int, Column("Number of attempts that a later attempt replaced.", allowed=FROM_0)
+        int, Column("Number of attempts that a later attempt replaced.", allowed=AT_LEAST_0)
     ]
-    replaced_successes: Annotated[int, Column("Number of replaced attempts with success.", allowed=FROM_0)]
+    replaced_successes: Annotated[
+        int, Column("Number of replaced attempts with success.", allowed=AT_LEAST_0)
+    ]
     success_unknown: Annotated[
-        int, Column("Number of replaced attempts without stored outcome.", allowed=FROM_0)
+        int, Column("Number of replaced attempts without stored outcome.", allowed=AT_LEAST_0)
     ]
 
 

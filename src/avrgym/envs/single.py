@@ -13,7 +13,14 @@ from avrgym.array_types import Float32Array
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, python_seed
-from avrgym.models.cameras import STATE, AnyCamera, CameraSpec, Observed, as_cameras, image_entries
+from avrgym.models.cameras import (
+    STATE_ENTRY,
+    AnyCamera,
+    AnyObservation,
+    CameraSpec,
+    as_cameras,
+    image_entries,
+)
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import validate_actions
@@ -40,7 +47,7 @@ def spaces_of(
     bound = episodes.observation.bound
     observation: gym.Space[Any] = gym.spaces.Box(-bound, bound, dtype=np.float64)
     if cameras:
-        spaces: dict[str, gym.Space[Any]] = {STATE: observation}
+        spaces: dict[str, gym.Space[Any]] = {STATE_ENTRY: observation}
         for name, (shape, dtype, largest) in image_entries(cameras).items():
             spaces[name] = gym.spaces.Box(0, largest, shape, dtype)
         observation = gym.spaces.Dict(spaces)
@@ -48,7 +55,7 @@ def spaces_of(
 
 
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, Renderer, gym.Env[Observed, Float32Array]
+    SerializableSpec, Renderer, gym.Env[AnyObservation, Float32Array]
 ):
     """One world.
 
@@ -105,7 +112,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observed, dict[str, Any]]:
+    ) -> tuple[AnyObservation, dict[str, Any]]:
         """Start an episode. Returns the first observation and info. Without a seed, the random stream continues."""
         super().reset(seed=python_seed(seed))
         self._steps_left = self.max_episode_steps
@@ -114,7 +121,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         start = self.episodes.evaluate_state()
         return self._observed(start), info_of(start)
 
-    def step(self, action: Float32Array) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float32Array) -> tuple[AnyObservation, float, bool, bool, dict[str, Any]]:
         """Take one control step. Returns observation, reward, terminated, truncated and info.
 
         The episode is truncated after ``max_episode_steps`` and never terminates. After an error, nothing has changed.
@@ -136,11 +143,11 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         super().close()
         self.episodes.close_images()
 
-    def _observed(self, step: Step) -> Observed:
+    def _observed(self, step: Step) -> AnyObservation:
         if not self._cameras:
             return step.observation[0]
         images = self.episodes.images(self._cameras)
-        return {STATE: step.observation[0], **{name: image[0] for name, image in images.items()}}
+        return {STATE_ENTRY: step.observation[0], **{name: image[0] for name, image in images.items()}}
 
 
 class _SingleEntry:

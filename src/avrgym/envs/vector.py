@@ -25,7 +25,7 @@ from avrgym.envs.vector_conventions import (
     merge_steps,
     reset_mask,
 )
-from avrgym.models.cameras import STATE, AnyCamera, Observed, as_cameras
+from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation, as_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
@@ -37,7 +37,7 @@ from avrgym.tasks.settings import as_settings
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, VectorEnv[Observed, Float32Array, NumpyArray]
+    SerializableSpec, VectorEnv[AnyObservation, Float32Array, NumpyArray]
 ):
     """N worlds that are stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
@@ -128,7 +128,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def reset(
         self, *, seed: Seeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observed, dict[str, Any]]:
+    ) -> tuple[AnyObservation, dict[str, Any]]:
         """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
         Returns observations of all worlds, and infos of the reset worlds. With seed s, world i has the same episode as
@@ -149,7 +149,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def step(
         self, actions: Float32Array
-    ) -> tuple[Observed, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+    ) -> tuple[AnyObservation, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Take one control step in all worlds. Returns observations, rewards, terminations, truncations and infos.
         After an error, nothing has changed.
 
@@ -172,11 +172,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         reward = np.where(ended, 0.0, step.reward)
         return self._observed(now), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
 
-    def _observed(self, step: Step) -> Observed:
+    def _observed(self, step: Step) -> AnyObservation:
         """Returns the observations of all worlds. Images show the current state."""
         if not self._cameras:
             return step.observation.copy()
-        return {STATE: step.observation.copy(), **self.episodes.images(self._cameras)}
+        return {STATE_ENTRY: step.observation.copy(), **self.episodes.images(self._cameras)}
 
     def _final_infos(self, step: Step, ended: BoolArray) -> dict[str, Any]:
         """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
@@ -186,7 +186,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             images = self.episodes.images(self._cameras, worlds)
             for row, world in enumerate(worlds):
                 seen = {name: image[row] for name, image in images.items()}
-                final["final_obs"][world] = {STATE: final["final_obs"][world], **seen}
+                final["final_obs"][world] = {STATE_ENTRY: final["final_obs"][world], **seen}
         return final
 
     def _check_running(self) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.small_matrices import (
-    TINY,
+    MIN_DIVISOR,
     cross,
     diagonal,
     gaussian_elimination,
@@ -430,7 +430,7 @@ def _step(
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
-    step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
+    step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))
     return np.clip(angles + units * step, *limits)
 
 

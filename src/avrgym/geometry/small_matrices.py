@@ -12,7 +12,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
-TINY = 1e-30
+MIN_DIVISOR = 1e-30
 """Number that replaces zero as a divisor."""
 
 
@@ -67,7 +67,7 @@ def gaussian_elimination(system: FloatArray) -> None:
     No pivoting is needed. After the elimination, the determinant is the product of the diagonal.
     """
     for k in range(5):
-        factor = system[k + 1 :, k] / np.maximum(system[k, k], TINY)
+        factor = system[k + 1 :, k] / np.maximum(system[k, k], MIN_DIVISOR)
         system[k + 1 :, k + 1 :] -= factor[:, None] * system[k, k + 1 :]
 
 
@@ -87,7 +87,7 @@ def rotation_between(columns: FloatArray, target: FloatArray) -> FloatArray:
     sine = 0.5 * reduce(np.add, cross(columns, target))
     cosine = 0.5 * (reduce(np.add, reduce(np.add, columns * target)) - 1.0)
     length = norm(sine)
-    turn = sine * (elementary.arctan2(length, cosine) / np.maximum(length, TINY))
+    turn = sine * (elementary.arctan2(length, cosine) / np.maximum(length, MIN_DIVISOR))
     opposite = np.nonzero(cosine < -0.999)[0]  # here the sine is too small to determine the axis
     if len(opposite):
         turn[:, opposite] = _rotation_by_quaternions(columns[..., opposite], target[..., opposite])

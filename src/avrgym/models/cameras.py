@@ -25,7 +25,7 @@ MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
 """Smallest and largest width and height of an image."""
 MAX_DEPTH_M = 10.0
 """Maximum depth. Farther surfaces and the sky have this depth."""
-LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
+SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
 STATE, COMMAND = "state", "command"
 """In an observation that is a dictionary: names of the entries that contain no image."""
@@ -53,7 +53,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         name: ``wrist``, ``scene``, or another camera of the robot.
         width_px, height_px: size of its images, 64 × 64 to 640 × 480.
         kinds: one or more of ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 in metres along the optical axis, at
-            most ``MAX_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``LABELS``.
+            most ``MAX_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``SEGMENTATION_LABELS``.
         fovy_deg: vertical field of view; by default that of the real camera.
 
     Raises:
@@ -89,7 +89,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         format_of_kind: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
             "rgb": ((*size, 3), np.uint8, 255),
             "depth": (size, np.float32, MAX_DEPTH_M),
-            "segmentation": (size, np.int32, len(LABELS) - 1),
+            "segmentation": (size, np.int32, len(SEGMENTATION_LABELS) - 1),
         }
         return {f"{self.name}_{kind}": format_of_kind[kind] for kind in self.kinds}
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import AnyCamera, Observed
+from avrgym.models.cameras import AnyCamera, AnyObservation
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
@@ -74,7 +74,7 @@ def reset(controller: Controller, seed: int, environment: str) -> None:
         raise controller_error(error) from error
 
 
-def act(controller: Controller, observation: Observed, size: int) -> FloatArray:
+def act(controller: Controller, observation: AnyObservation, size: int) -> FloatArray:
     """Returns a controller's action (size,) for an observation, clipped to -1 to 1.
 
     Raises:

@@ -60,8 +60,8 @@ class Retreat:
         simulation: Simulation,
         world: int = 0,
         *,
-        clear_m: float = MOUTH_DISTANCE_M,
-        free_m: float = PERSON_DISTANCE_M,
+        mouth_distance_m: float = MOUTH_DISTANCE_M,
+        person_distance_m: float = PERSON_DISTANCE_M,
         steps: int = 0,
         step_s: float = CONTROL_STEP_S,
     ) -> None:
@@ -70,13 +70,13 @@ class Retreat:
         Args:
             simulation: the physics of N worlds.
             world: the index of the world.
-            clear_m: the distance between mouth and tool at which the retreat is complete.
-            free_m: the distance of tool and hand from the person at which the retreat is complete.
+            mouth_distance_m: the distance between mouth and tool at which the retreat is complete.
+            person_distance_m: the distance of tool and hand from the person at which the retreat is complete.
             steps: number of steps that the retreat has already taken.
             step_s: duration of a step.
         """
         self._simulation, self._world = simulation, world
-        self._clear_m, self._free_m = clear_m, free_m
+        self._mouth_distance_m, self._person_distance_m = mouth_distance_m, person_distance_m
         self._drives = simulation.scene.robot.drive is not None
         self._model = model = copy(simulation.batch.get_model(world))
         self._data = mujoco.MjData(model)
@@ -124,8 +124,8 @@ class Retreat:
 
     def _is_clear(self, near: NearGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]
-        return float(np.linalg.norm(from_mouth_w)) > self._clear_m and bool(
-            (near.gap_m[near.of_hand] > self._free_m).all()
+        return float(np.linalg.norm(from_mouth_w)) > self._mouth_distance_m and bool(
+            (near.gap_m[near.of_hand] > self._person_distance_m).all()
         )
 
     def _desired_velocity_w(self, near: NearGaps) -> FloatArray:
@@ -135,7 +135,10 @@ class Retreat:
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
         if near.of_hand.any():
             nearest = np.where(near.of_hand, near.gap_m, np.inf).argmin()
-            away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._free_m) * near.away_w[nearest]
+            away = (
+                away
+                + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._person_distance_m) * near.away_w[nearest]
+            )
         return SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:

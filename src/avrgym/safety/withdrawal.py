@@ -94,8 +94,8 @@ class Withdrawal(PerWorldState):
             self._retreats[world] = Retreat(
                 self._simulation,
                 world,
-                clear_m=MOUTH_DISTANCE_M,
-                free_m=PERSON_DISTANCE_M,
+                mouth_distance_m=MOUTH_DISTANCE_M,
+                person_distance_m=PERSON_DISTANCE_M,
                 steps=int(self._moved_steps[world]),
                 step_s=self._simulation.scene.control_step_s,
             )

@@ -68,8 +68,8 @@ class Start:
     """The initial state of n worlds.
 
     The state consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J),
-    and the positions (n, 3) of the scene's movable furniture. ``missed_m`` (n,) is the distance of the tool from its
-    intended position, if the scene checks the reach.
+    and the positions (n, 3) of the scene's movable furniture. ``tool_error_m`` (n,) is the distance of the tool from
+    its intended position, if the scene checks the reach.
     """
 
     people: People
@@ -77,4 +77,4 @@ class Start:
     robot_q_w: FloatArray
     joint_positions: FloatArray
     placed_pos_w: Mapping[str, FloatArray]
-    missed_m: FloatArray | None = None
+    tool_error_m: FloatArray | None = None

@@ -37,7 +37,7 @@ from avrgym.simulation.unused_computation import without_unused_computation
 from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
 
-__all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "State"]
+__all__ = ["MAX_LEAD_RAD", "REMOVED_PARTICLE_POS_W", "RightArm", "Simulation", "Start", "State"]
 
 
 MAX_LEAD_RAD = 0.08
@@ -47,7 +47,7 @@ slides, see ``kinematics.joint_units``."""
 
 BASE_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 """Types of the joints of ``Simulation.base_displacement``."""
-PARKING_W = np.array([4.0, 4.0, 0.1])
+REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
 """Position of removed particles: far from everything, weightless, without contacts."""
 
 
@@ -274,13 +274,13 @@ class Simulation:
         """
         self.engine.check()
 
-    def park(self, gone: BoolArray) -> None:
-        """Move the particles of the mask ``gone`` (N, K) to ``PARKING_W``, without weight."""
+    def remove_particles(self, gone: BoolArray) -> None:
+        """Move the particles of the mask ``gone`` (N, K) to ``REMOVED_PARTICLE_POS_W``, without weight."""
         particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
         if particles is None or (xp is np and not gone.any()):
             return
         number, each = np.arange(len(particles.bodies)), gone[:, :, None]
-        spots = PARKING_W + np.stack([0.02 * number, 0.0 * number, 0.0 * number], axis=-1)
+        spots = REMOVED_PARTICLE_POS_W + np.stack([0.02 * number, 0.0 * number, 0.0 * number], axis=-1)
         pos, velocity = now.qpos[:, at.particle_qpos], now.qvel[:, at.particle_dof]
         now.qpos[:, at.particle_qpos] = xp.where(each, constant_like(spots, pos), pos)
         now.qvel[:, at.particle_dof] = xp.where(each, 0.0, velocity)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from avrgym.array_types import BoolArray, IntArray, NumpyArray
 from avrgym.models import human, robot
 from avrgym.models.cameras import (
-    LABELS,
     MAX_DEPTH_M,
+    SEGMENTATION_LABELS,
     CameraSpec,
     FixedView,
     Kind,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 NEAR_M, FAR_M = 0.02, 20.0
 """Nearest and farthest rendered distance. Shadows are not rendered: without a graphics card they would take two thirds
 of the time."""
-_BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(LABELS))
+_BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
 HIDDEN_GROUP = 5
 Images = dict[str, NumpyArray]
 """Images by the name of their entry, such as ``wrist_rgb``."""

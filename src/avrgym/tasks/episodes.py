@@ -41,9 +41,9 @@ from avrgym.tasks.world_people import WorldPeople, reachable_rad
 if TYPE_CHECKING:
     from avrgym.tasks.camera_images import CameraImages
 
-EFFORT = "action_squared"
+ACTION_PENALTY_TERM = "action_squared"
 """The reward term of the action penalty, which depends on the agent."""
-REACHED_M = 0.01
+MAX_TOOL_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if the user placed the base or the table."""
 MAX_REACH_DRAWS = 10
 """Maximum number of samples in this case, if the intended initial position is out of reach."""
@@ -174,7 +174,7 @@ class Episodes:
         )
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
-        self._missed_m = np.zeros(num_worlds)
+        self._tool_error_m = np.zeros(num_worlds)
         self.start_draws = np.zeros(num_worlds, dtype=int)
         """Number of samples (N,) until the present episodes had a valid initial state."""
         self._images: CameraImages | None = None
@@ -228,11 +228,11 @@ class Episodes:
         while len(invalid):
             self._draw(invalid, [generator_of[world] for world in invalid.tolist()])
             self.start_draws[invalid] += 1
-            conflicts, far = self._conflicts(invalid), invalid[self._missed_m[invalid] > REACHED_M]
+            conflicts, far = self._conflicts(invalid), invalid[self._tool_error_m[invalid] > MAX_TOOL_ERROR_M]
             for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
                 raise NoClearanceError(
                     f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
-                    f"{MAX_REACH_DRAWS} initial states; {self._missed_m[world]:.2f} m are missing in the last one"
+                    f"{MAX_REACH_DRAWS} initial states; {self._tool_error_m[world]:.2f} m are missing in the last one"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
@@ -285,7 +285,7 @@ class Episodes:
 
     def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
-        self._missed_m[ids] = 0.0 if start.missed_m is None else start.missed_m
+        self._tool_error_m[ids] = 0.0 if start.tool_error_m is None else start.tool_error_m
         self._start_positions[ids] = start.joint_positions
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
@@ -390,7 +390,7 @@ class Episodes:
         clipped = namespace(actions).clip(actions, -1.0, 1.0)
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
-        self.simulation.park(result.gone)
+        self.simulation.remove_particles(result.gone)
         if unrewarded is not None:
             terms = {name: np.where(unrewarded, 0.0, term) for name, term in result.terms.items()}
             result = replace(result, terms=terms)
@@ -427,18 +427,18 @@ class Episodes:
 
     def human_observation(self) -> FloatArray:
         """Returns the human agent's observations (N, H), see ``HumanView``."""
-        return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
+        return self.human_view.of(self.human_view.person_inputs(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
         """The reward (N,) of people with actions (N, K): the robots' reward if ``shared``.
 
         Otherwise the people's action penalty replaces the robots' action penalty.
         """
-        weight = self.task.weights.get(EFFORT, 0.0)
+        weight = self.task.weights.get(ACTION_PENALTY_TERM, 0.0)
         if shared or not weight:
             return step.reward
         acted = np.clip(action, -1.0, 1.0)
-        return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[EFFORT])
+        return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[ACTION_PENALTY_TERM])
 
     def images(
         self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None

@@ -88,7 +88,7 @@ class HumanView:
         head = transforms.rotate(turned_back, seen.head_pos_w - seen.hips_pos_w)
         return [head, transforms.multiply(turned_back, seen.head_q_w)]
 
-    def seen_in(self, simulation: Simulation, task_state: Any) -> PersonInputs:
+    def person_inputs(self, simulation: Simulation, task_state: Any) -> PersonInputs:
         """Returns the inputs for the people of a simulation with moving joints."""
         state = simulation.state()
         hips_pos_w, hips_q_w = simulation.hips()

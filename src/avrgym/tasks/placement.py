@@ -164,15 +164,15 @@ def find_start(
         )
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z_AXIS, found.base.yaw_rad)
         positions = found.joint_positions
-    missed_m = None
+    tool_error_m = None
     if scene.checks_reach:
         pos, _ = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-        missed_m = transforms.norm(kinematics.forward(chain, positions)[0] - pos)
+        tool_error_m = transforms.norm(kinematics.forward(chain, positions)[0] - pos)
     if drives:
         base_pos = base_pos + transforms.rotate(base_q, X_AXIS) * positions[:, :1]
         positions = positions[:, 1:]
     placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
-    return Start(people, base_pos, base_q, positions, placed, missed_m)
+    return Start(people, base_pos, base_q, positions, placed, tool_error_m)
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:

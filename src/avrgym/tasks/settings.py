@@ -15,10 +15,10 @@ from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
-DRAWN_SETTINGS = ("torso_height_m", "range_share")
+PERSON_SETTINGS = ("torso_height_m", "range_share")
 """Settings of randomly drawn people. These settings have no effect on a fixed person or a participant."""
-LARGEST_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
-FARTHEST_M, BODY_MASS_RANGE_KG, RANGE_SHARES = 4.0, (30.0, 200.0), (0.2, 1.0)
+MAX_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
+MAX_ROBOT_DISTANCE_M, BODY_MASS_RANGE_KG, RANGE_SHARE_LIMITS = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """These rates are multiples or divisors of the people's action rate, and divisors of the physics rate."""
 
@@ -68,11 +68,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             ("standing_by", self.standing_by),
         ):
             for *_, x, y, yaw_deg in poses:
-                if not (max(abs(x), abs(y)) <= FARTHEST_M and abs(yaw_deg) <= 360.0):
-                    raise _refusal(name, (x, y, yaw_deg), f"x and y up to ±{FARTHEST_M:g} m, yaw up to ±360°")
-        within = np.abs(self.table_offset_m or (0.0, 0.0, 0.0)) <= LARGEST_TABLE_OFFSET_M
+                if not (max(abs(x), abs(y)) <= MAX_ROBOT_DISTANCE_M and abs(yaw_deg) <= 360.0):
+                    raise _refusal(
+                        name, (x, y, yaw_deg), f"x and y up to ±{MAX_ROBOT_DISTANCE_M:g} m, yaw up to ±360°"
+                    )
+        within = np.abs(self.table_offset_m or (0.0, 0.0, 0.0)) <= MAX_TABLE_OFFSET_M
         if not within.all():
-            x_m, _, z_m = LARGEST_TABLE_OFFSET_M
+            x_m, _, z_m = MAX_TABLE_OFFSET_M
             allowed = f"x and y up to ±{x_m:g} m, z up to ±{z_m:g} m"
             raise _refusal("table_offset_m", self.table_offset_m, allowed)
         low, high = self.torso_height_m or TORSO_HEIGHT_RANGE_M
@@ -83,7 +85,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
                 (low, high),
                 f"minimum and maximum in this order, both from {lowest:g} to {highest:g} m",
             )
-        for name, (lowest, highest) in (("body_mass_kg", BODY_MASS_RANGE_KG), ("range_share", RANGE_SHARES)):
+        for name, (lowest, highest) in (
+            ("body_mass_kg", BODY_MASS_RANGE_KG),
+            ("range_share", RANGE_SHARE_LIMITS),
+        ):
             value = getattr(self, name)
             if value is not None and not lowest <= value <= highest:
                 raise _refusal(name, value, f"{lowest:g} to {highest:g}")

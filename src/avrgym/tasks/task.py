@@ -212,9 +212,9 @@ class Task:
             )
         if not self.goal.strip():
             raise ValueError(f"the goal of task {self.name} is empty; allowed: a sentence")
-        if self.offered not in OFFERED:
+        if self.offered not in OFFERED_PARTS:
             raise ValueError(
-                f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED))}"
+                f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED_PARTS))}"
             )
         share = self.strength_share
         if share is not None and not _is_strength_share(share):
@@ -274,7 +274,7 @@ class Task:
         return total
 
 
-OFFERED: tuple[OfferedPart, ...] = get_args(OfferedPart)
+OFFERED_PARTS: tuple[OfferedPart, ...] = get_args(OfferedPart)
 _KINDS: Mapping[str, type] = {
     "name": str,
     "goal": str,

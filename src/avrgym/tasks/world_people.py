@@ -24,7 +24,7 @@ from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.settings import DRAWN_SETTINGS, Settings
+from avrgym.tasks.settings import PERSON_SETTINGS, Settings
 from avrgym.tasks.task import replace_worlds
 
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
@@ -99,7 +99,7 @@ class WorldPeople:
             ValueError: for unknown names, for populations that do not fit the environment, and for settings of drawn
                 people with a fixed person.
         """
-        given = [name for name in DRAWN_SETTINGS if name in settings.changed]
+        given = [name for name in PERSON_SETTINGS if name in settings.changed]
         if given and person is not None:
             raise ValueError(
                 f"a fixed person has their own {given[0]}; allowed: leave out {given[0]}, or the person"

@@ -6,7 +6,7 @@ from itertools import combinations, product
 from typing import Annotated
 
 from avrgym.analysis.columns import (
-    FROM_0,
+    AT_LEAST_0,
     SHARE,
     IsSimulated,
     ItemName,
@@ -72,7 +72,7 @@ class LikertRow:
     item: ItemName
     policy: PolicyNameOrNone
     value: Annotated[int, Column("Value on the item's scale.")]
-    count: Annotated[int, Column("Number of answers with this value.", allowed=FROM_0)]
+    count: Annotated[int, Column("Number of answers with this value.", allowed=AT_LEAST_0)]
     share: Annotated[float, Column("Share of answers with this value.", allowed=SHARE)]
 
 

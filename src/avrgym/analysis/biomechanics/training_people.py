@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from avrgym.analysis.columns import FROM_0, IsSimulated, TaskName
+from avrgym.analysis.columns import AT_LEAST_0, IsSimulated, TaskName
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.analysis.reading.trial_series import WAIST_JOINTS, head_centres
 from avrgym.array_types import FloatArray
@@ -34,7 +34,7 @@ class PersonRow:
     population: Annotated[str, Column("The training population.")]
     task: TaskName
     posture: Posture
-    number: Annotated[int, Column("Number of the person within task and population.", allowed=FROM_0)]
+    number: Annotated[int, Column("Number of the person within task and population.", allowed=AT_LEAST_0)]
     sex: Annotated[str, TABLES["participants"]["sex"]]
     torso_height_m: Annotated[float, Column("Torso height, from hip bone to centre of the head.", unit="m")]
     waist_x_deg: WaistAngle

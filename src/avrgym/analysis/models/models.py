@@ -7,7 +7,7 @@ from typing import Annotated
 
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
 from avrgym.analysis.columns import (
-    FROM_0,
+    AT_LEAST_0,
     SHARE,
     Family,
     GroupA,
@@ -56,15 +56,15 @@ class ModelRow:
     effect: Annotated[str, Column("Kind of effect.", allowed=", ".join(EFFECTS))]
     group_a: GroupA
     group_b: GroupB
-    participants: Annotated[int, Column("Number of participants with values.", allowed=FROM_0)]
-    values: Annotated[int, Column("Number of trials with values.", allowed=FROM_0)]
+    participants: Annotated[int, Column("Number of participants with values.", allowed=AT_LEAST_0)]
+    values: Annotated[int, Column("Number of trials with values.", allowed=AT_LEAST_0)]
     estimate: Annotated[
         float | None,
         Column("Estimate: log odds ratio; of mixed models in the unit of the quantity.", empty=NO_ESTIMATE),
     ] = None
-    error: Annotated[float | None, Column("Standard error.", "", "1", FROM_0, NO_ESTIMATE)] = None
+    error: Annotated[float | None, Column("Standard error.", "", "1", AT_LEAST_0, NO_ESTIMATE)] = None
     df: Annotated[
-        float | None, Column("Degrees of freedom of Student's t.", "", "1", FROM_0, NO_ESTIMATE)
+        float | None, Column("Degrees of freedom of Student's t.", "", "1", AT_LEAST_0, NO_ESTIMATE)
     ] = None
     low: Annotated[
         float | None, Column("Lower bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
@@ -73,20 +73,22 @@ class ModelRow:
         float | None, Column("Upper bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
     ] = None
     odds_ratio: Annotated[
-        float | None, Column("Odds ratio: exp(estimate).", "", "1", FROM_0, NO_ODDS_RATIO)
+        float | None, Column("Odds ratio: exp(estimate).", "", "1", AT_LEAST_0, NO_ODDS_RATIO)
     ] = None
     odds_ratio_low: Annotated[
-        float | None, Column("Lower bound of its 95 % confidence interval.", "", "1", FROM_0, NO_ODDS_RATIO)
+        float | None,
+        Column("Lower bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO),
     ] = None
     odds_ratio_high: Annotated[
-        float | None, Column("Upper bound of its 95 % confidence interval.", "", "1", FROM_0, NO_ODDS_RATIO)
+        float | None,
+        Column("Upper bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO),
     ] = None
     p: PValue = None
     p_holm: PHolm = None
     p_primary: PPrimary = None
     stars: Stars = ""
     leave_one_out: Annotated[
-        int, Column("Number of leave-one-participant-out models that could be fitted.", allowed=FROM_0)
+        int, Column("Number of leave-one-participant-out models that could be fitted.", allowed=AT_LEAST_0)
     ] = 0
     leave_one_out_min: Annotated[float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE)] = (
         None

@@ -6,7 +6,7 @@ from itertools import combinations, groupby, product
 from statistics import fmean, stdev
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_0, SHARE, IsSimulated, PolicyName, RobotName, TaskName
+from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, PolicyName, RobotName, TaskName
 from avrgym.analysis.reading.rows import ALL, TrialRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT,
@@ -41,7 +41,7 @@ class Outcome:
     task: TaskName
     robot: RobotName
     policy: PolicyName
-    trials: Annotated[int, Column("Number of counted trials.", allowed=FROM_0)]
+    trials: Annotated[int, Column("Number of counted trials.", allowed=AT_LEAST_0)]
     reward_mean: Annotated[float | None, Column("Mean reward.", empty="no trial, or all tasks together")]
     reward_low: Annotated[
         float | None, Column("Lower bound of its 95 % confidence interval (Student's t).", empty=_EQUAL)
@@ -49,7 +49,7 @@ class Outcome:
     reward_high: Annotated[
         float | None, Column("Upper bound of its 95 % confidence interval (Student's t).", empty=_EQUAL)
     ]
-    successes: Annotated[int, Column("Number of successful trials.", allowed=FROM_0)]
+    successes: Annotated[int, Column("Number of successful trials.", allowed=AT_LEAST_0)]
     success_rate: Annotated[
         float | None, Column("Share of successful trials.", allowed=SHARE, empty="no trial")
     ]
@@ -75,7 +75,7 @@ class SimulationResult:
         str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
     ] = None
     simulation_episodes: Annotated[
-        int | None, Column("Number of episodes.", allowed=FROM_0, empty=_NOT_SIMULATED)
+        int | None, Column("Number of episodes.", allowed=AT_LEAST_0, empty=_NOT_SIMULATED)
     ] = None
     simulation_reward_mean: Annotated[
         float | None, Column("Mean reward in simulation.", empty=_NOT_SIMULATED)

@@ -19,7 +19,7 @@ FOLDER = "reporting"
 PAGE = "index.html"
 DATA_PACKAGE = "datapackage.json"
 MISSING = re.compile(r"(\[MISSING: [^\]]*\])")
-NOBODY = "Nobody has taken part yet: there is nothing to report."
+NO_PARTICIPANTS_TEXT = "Nobody has taken part yet: there is nothing to report."
 FILES = (
     "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
     "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "
@@ -33,7 +33,7 @@ def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> N
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)
     if flow is None:
-        write_page(folder / PAGE, _title(analysis), [], [tag("p", NOBODY)])
+        write_page(folder / PAGE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
         return
     sections, asked = methods(analysis, flow), checklist(analysis, flow)
     (folder / "methods.md").write_text(markdown(analysis.design.title, sections), encoding="utf-8")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 from avrgym.analysis.columns import (
-    FROM_0,
+    AT_LEAST_0,
     SHARE,
     IsSimulated,
     Moment,
@@ -33,21 +33,23 @@ _PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TA
 _ANSWERS, _SCORES = TABLES["answers"], TABLES["scores"]
 State = Annotated[str, _PARTICIPANTS["state"]]
 Sex = Annotated[str, _PARTICIPANTS["sex"]]
-Attempts = Annotated[int, Column("Number of attempts.", allowed=FROM_0)]
+Attempts = Annotated[int, Column("Number of attempts.", allowed=AT_LEAST_0)]
 AttemptsNotCompleted = Annotated[
-    int, Column("Number of attempts that did not complete their trial.", allowed=FROM_0)
+    int, Column("Number of attempts that did not complete their trial.", allowed=AT_LEAST_0)
 ]
 Counted = Annotated[bool, Column("Whether the analyses include it.")]
 TorsoHeight = Annotated[
     float | None,
     Column("Calibrated torso height, from hip bone to centre of the head.", unit="m", empty=NO_RECORDING),
 ]
-Distance = Annotated[float | None, Column("Smallest distance to the target.", "", "m", FROM_0, NO_RECORDING)]
+Distance = Annotated[
+    float | None, Column("Smallest distance to the target.", "", "m", AT_LEAST_0, NO_RECORDING)
+]
 MeanForce = Annotated[
-    float | None, Column("Mean force of robot and tool on the person.", "", "N", FROM_0, NO_RECORDING)
+    float | None, Column("Mean force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING)
 ]
 PeakForce = Annotated[
-    float | None, Column("Largest force of robot and tool on the person.", "", "N", FROM_0, NO_RECORDING)
+    float | None, Column("Largest force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING)
 ]
 HeadPosition = Annotated[
     float | None,
@@ -90,11 +92,11 @@ class ParticipantRow(ParticipantColumns):
             empty=NO_RECORDING,
         ),
     ]
-    sessions: Annotated[int, Column("Number of sessions.", allowed=FROM_0)]
-    trials: Annotated[int, Column("Number of planned trials.", allowed=FROM_0)]
-    trials_completed: Annotated[int, Column("Number of completed trials.", allowed=FROM_0)]
+    sessions: Annotated[int, Column("Number of sessions.", allowed=AT_LEAST_0)]
+    trials: Annotated[int, Column("Number of planned trials.", allowed=AT_LEAST_0)]
+    trials_completed: Annotated[int, Column("Number of completed trials.", allowed=AT_LEAST_0)]
     trials_missing: Annotated[
-        int, Column("Number of planned trials that were not completed.", allowed=FROM_0)
+        int, Column("Number of planned trials that were not completed.", allowed=AT_LEAST_0)
     ]
     attempts: Attempts
     attempts_not_completed: AttemptsNotCompleted
@@ -153,7 +155,11 @@ class TrialRow(ParticipantColumns):
     guard_interventions: Annotated[
         int | None,
         Column(
-            "Number of interventions of the force guard.", "", "", FROM_0, "no force guard, or no recording"
+            "Number of interventions of the force guard.",
+            "",
+            "",
+            AT_LEAST_0,
+            "no force guard, or no recording",
         ),
     ] = None
     torso_height_m: TorsoHeight = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.analysis import columns
 from avrgym.analysis.columns import (
-    FROM_0,
+    AT_LEAST_0,
     NOT_TESTED,
     EffectHigh,
     EffectLow,
@@ -44,9 +44,9 @@ class ComparisonRow:
     group_a: GroupA
     group_b: GroupB
     test: Annotated[str, Column("Name of the test.")]
-    n_a: Annotated[int, Column("Number of values of the first group.", allowed=FROM_0)]
-    n_b: Annotated[int, Column("Number of values of the second group.", allowed=FROM_0)]
-    n: Annotated[int, Column("Number of values or differences in the test.", allowed=FROM_0)]
+    n_a: Annotated[int, Column("Number of values of the first group.", allowed=AT_LEAST_0)]
+    n_b: Annotated[int, Column("Number of values of the second group.", allowed=AT_LEAST_0)]
+    n: Annotated[int, Column("Number of values or differences in the test.", allowed=AT_LEAST_0)]
     zeros: Zeros
     median_a: MedianA
     median_b: MedianB

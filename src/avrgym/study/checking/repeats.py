@@ -17,14 +17,14 @@ NOT_LOGGED = "not in the log"
 Cause = tuple[str, str]
 """A reason, and the cause as text."""
 
-BY_STATE: Mapping[str, Cause] = {
+CAUSE_BY_STATE: Mapping[str, Cause] = {
     "repeated": (EXPERIMENTER, "repeated"),
     "skipped": (EXPERIMENTER, "skipped"),
     "paused": (EXPERIMENTER, "paused"),
     "ended": (EXPERIMENTER, "session ended"),
     "failed": (TECHNICAL, "recording failed"),
 }
-BY_EVENT: Mapping[str, Cause] = {
+CAUSE_BY_EVENT: Mapping[str, Cause] = {
     "tracking timed out": (TECHNICAL, "tracking lost"),
     "visibility lost": (TECHNICAL, "scene not visible"),
     "time lost": (TECHNICAL, "computer was suspended"),
@@ -141,17 +141,17 @@ class _Causes:
         return max(fitting, key=lambda entry: entry.at, default=None)
 
     def _cause(self, attempt: TrialAttempt, entry: LogEntry | None) -> Cause:
-        if attempt.state in BY_STATE:
-            return BY_STATE[attempt.state]
+        if attempt.state in CAUSE_BY_STATE:
+            return CAUSE_BY_STATE[attempt.state]
         before, after = self._next_to_end(attempt)
         if attempt.state == "stopped":
             stop = next((event for event in after if event.name == "stopped"), None)
             if stop is None:
                 return UNKNOWN, "stopped"
             return (PARTICIPANT if stop.detail.startswith("by participant") else EXPERIMENTER), "stopped"
-        cause = next((event for event in [*after, *before] if event.name in BY_EVENT), None)
+        cause = next((event for event in [*after, *before] if event.name in CAUSE_BY_EVENT), None)
         if cause is not None:
-            return BY_EVENT[cause.name]
+            return CAUSE_BY_EVENT[cause.name]
         if entry is not None:
             return EXPERIMENTER, "measured again"
         return self._without_event(attempt, after)

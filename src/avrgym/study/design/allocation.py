@@ -41,8 +41,9 @@ def least_filled_cell(
 
     Args:
         order: all cells; among equally filled cells, the first in this order is returned.
-        taken: the cells of participants at the same site.
-        elsewhere: the cells of participants at other sites; compared if several cells are least filled at this site.
+        cells_at_site: the cells of participants at the same site.
+        cells_elsewhere: the cells of participants at other sites; compared if several cells are least filled at
+            this site.
     """
     here, others = Counter(cells_at_site), Counter(cells_elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))

@@ -33,7 +33,7 @@ from avrgym.system import random_streams
 from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import DEFAULTS, DRAWN_SETTINGS, Settings
+from avrgym.tasks.settings import DEFAULTS, PERSON_SETTINGS, Settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
@@ -225,7 +225,7 @@ def _check(design: Design, folder: Path) -> None:
                     ("robots", index),
                     f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
                 )
-            drawn = [name for name in DRAWN_SETTINGS if name in design.settings.changed]
+            drawn = [name for name in PERSON_SETTINGS if name in design.settings.changed]
             if drawn:
                 raise ValidationError(
                     ("settings", drawn[0]), "participants have their own bodies; allowed: no such setting"

@@ -20,14 +20,14 @@ FORMATS: Mapping[str, str] = {
     "minari": "minari",
 }
 """The module that writes each format."""
-WITH_RECORDS = ("csv", "bids")
+FORMATS_WITH_RECORDS = ("csv", "bids")
 """Formats that contain events and experimenters' texts. Other formats contain only trials."""
-WITH_IMAGES = ("hdf5", "lerobot")
+FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
 """Formats that can contain camera images."""
-LEFT_OUT = "left_out.csv"
+LEFT_OUT_FILE = "left_out.csv"
 """File name of the table of omitted recordings."""
 Write = Callable[..., None]
-"""Function that writes undamaged completed attempts into a folder. Formats ``WITH_RECORDS`` also accept extras."""
+"""Function that writes undamaged completed attempts into a folder. ``FORMATS_WITH_RECORDS`` also accept extras."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -70,16 +70,16 @@ def export_study(
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
-    if extras != NO_EXTRAS and data_format not in WITH_RECORDS:
+    if extras != NO_EXTRAS and data_format not in FORMATS_WITH_RECORDS:
         raise StudyError(
-            f"{data_format} cannot contain free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
+            f"{data_format} cannot contain free text and data on health; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
         )
-    if cameras and data_format not in WITH_IMAGES:
-        raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(WITH_IMAGES)}")
+    if cameras and data_format not in FORMATS_WITH_IMAGES:
+        raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(FORMATS_WITH_IMAGES)}")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} is not empty; choose another folder")
     write = _writer(data_format)
-    if data_format in WITH_RECORDS:
+    if data_format in FORMATS_WITH_RECORDS:
         write = partial(write, extras=extras)
     if cameras:
         write = partial(write, cameras=cameras)
@@ -107,7 +107,7 @@ def _write(
     _add_losses(store, folder)
     if left_out:
         write_csv(
-            folder / LEFT_OUT,
+            folder / LEFT_OUT_FILE,
             [LeftOutRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
         )
 

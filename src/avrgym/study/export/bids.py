@@ -14,7 +14,7 @@ from typing import Any
 
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
-from avrgym.study.export import LEFT_OUT, NOTICE
+from avrgym.study.export import LEFT_OUT_FILE, NOTICE
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.physio import Series, corrected_text_streams, recorded_series, text_events
 from avrgym.study.export.records import NO_EXTRAS, Extras, record_tables, write_table
@@ -45,7 +45,7 @@ def write(
     """Write completed attempts as a BIDS data set."""
     write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
-    (folder / ".bidsignore").write_text(f"{LEFT_OUT}\n", encoding="utf-8")
+    (folder / ".bidsignore").write_text(f"{LEFT_OUT_FILE}\n", encoding="utf-8")
     _write_participants(store, completed, folder)
     for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)

@@ -40,10 +40,10 @@ SWING_COMPLETE_SHARE = 0.85
 def memory_expert(episodes: RunningEpisodes) -> Controller:
     """Expert with a swing to the front for robots in ``SWINGS``; the feedback expert for others."""
     swing = SWINGS.get(episodes.scene.robot.name)
-    return FeedbackExpert(episodes, scratching_target) if swing is None else SwingsInFront(episodes, swing)
+    return FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFront(episodes, swing)
 
 
-class SwingsInFront:
+class SwingToFront:
     """Acts like the feedback expert, but approaches from the front only after the swing."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:

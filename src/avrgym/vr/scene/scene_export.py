@@ -33,7 +33,7 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.glb_writer import GlbWriter
-from avrgym.vr.scene.skins import Bone, Skin, merged, skins_of, with_cap
+from avrgym.vr.scene.skins import Bone, Skin, merge_skins, skins_of, with_cap
 
 Piece = tuple[trimesh.Trimesh, FloatArray]
 """A mesh and its colour (4,)."""
@@ -97,7 +97,7 @@ class _Export:
         for body, geoms in carried.items():
             self._add_body(body, geoms)
         for (_, finish), skins in self._skins_by_finish().items():
-            self._add_skin(merged(skins), finish)
+            self._add_skin(merge_skins(skins), finish)
         for flex in range(self._model.nflex):
             self._add_cloth(flex)
         return self._glb.to_bytes(self._roots)

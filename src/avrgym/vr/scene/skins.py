@@ -84,7 +84,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
         )
 
 
-def merged(skins: Sequence[Skin]) -> Skin:
+def merge_skins(skins: Sequence[Skin]) -> Skin:
     """Merge skins. Returns one skin with the name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}

@@ -29,7 +29,7 @@ from avrgym.vr.protocol.state_encoding import StateEncoder
 from avrgym.vr.server.authentication import LINK_ENDED, Caller, Tokens
 from avrgym.vr.server.broadcast import Broadcast, ConnectionEnd, Outbox
 from avrgym.vr.server.connection_limits import ConnectionLimiter
-from avrgym.vr.server.inbox import holds_robot
+from avrgym.vr.server.inbox import stops_robot
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 
 _log = logging.getLogger("uvicorn.error")
@@ -232,7 +232,7 @@ async def _receive(
             elif message is not None:
                 if isinstance(message, Tracking):
                     frame_times.note_received(message.sequence)
-                if not holds_robot(message):
+                if not stops_robot(message):
                     await _until(lambda: not loop.inbox_is_full)
                 if caller.role == "experimenter":
                     record(caller, message)

@@ -47,7 +47,7 @@ class Inbox:
         messages are discarded.
         """
         with self._lock:
-            if holds_robot(message):
+            if stops_robot(message):
                 self._urgent.append(message)
             if is_stop(message):
                 return
@@ -74,7 +74,7 @@ class Inbox:
             return None
 
 
-def holds_robot(message: object) -> bool:
+def stops_robot(message: object) -> bool:
     """Whether a message stops the robot immediately: an emergency stop, or a loss of visibility."""
     return is_stop(message) or (
         isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"

@@ -31,7 +31,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.disconnect()
         case messages.VisibilityChanged():
             if phase.state.take_visibility(message.visibility):
-                return phase.interrupt(lost_visibility(phase.state.now_s, message.visibility))
+                return phase.interrupt(visibility_interruption(phase.state.now_s, message.visibility))
         case messages.OriginReset():
             return phase.on_origin_reset()
         case messages.Ready():

@@ -10,17 +10,17 @@ from avrgym.vr.session import events
 
 UNTRACKED_LIMIT_S = 1.0
 """A part of the body counts as untracked after this time without a measured pose."""
-UNSEEN: dict[Visibility, str] = {
+VISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
     "context-lost": "the graphics of the participant's device failed",
 }
-UNTRACKED: Mapping[Part, str] = {
+UNTRACKED_TEXTS: Mapping[Part, str] = {
     "head": "untracked",
     "left": "left_untracked",
     "right": "right_untracked",
 }
-TIMED_OUT: Mapping[Part, str] = {
+TIMED_OUT_TEXTS: Mapping[Part, str] = {
     "head": "tracking_timed_out",
     "left": "left_timed_out",
     "right": "right_timed_out",
@@ -39,23 +39,23 @@ class Interruption:
     message: Text
 
 
-def lost_tracking(now_s: float, part: Part) -> Interruption:
+def tracking_interruption(now_s: float, part: Part) -> Interruption:
     """Returns the interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
-    message = Text(TIMED_OUT[part], {"seconds": seconds})
+    message = Text(TIMED_OUT_TEXTS[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), message)
 
 
-def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
+def visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
     """Returns the interruption if the participant no longer sees the scene."""
-    why = f"the participant does not see the scene: {UNSEEN[visibility]}"
+    why = f"the participant does not see the scene: {VISIBILITY_REASONS[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
     )
 
 
-def lost_time(now_s: float, seconds: float) -> Interruption:
+def time_interruption(now_s: float, seconds: float) -> Interruption:
     """Returns the interruption if the process or its machine was suspended."""
     why = f"the computer was suspended for {seconds:.1f} s"
     message = Text("time_lost", {"seconds": f"{seconds:.1f}"})

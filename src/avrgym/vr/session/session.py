@@ -313,9 +313,11 @@ class Session:
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """Interrupt an attempt if the participant was untracked or the process was suspended."""
         if since_last_tick_s > MAX_TICK_GAP_S:
-            self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
+            self._go_to(self._phase.interrupt(time_interruption(self._state.now_s, since_last_tick_s)))
         elif self._phase.can_be_stopped and self._state.untracked is not None:
-            self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))
+            self._go_to(
+                self._phase.interrupt(tracking_interruption(self._state.now_s, self._state.untracked))
+            )
 
     def _check_storage(self) -> None:
         """Report a slow disk. Stop the robot and end the attempt if recording or observer cannot store a trial."""

@@ -11,7 +11,7 @@ from avrgym.recording.schema import AttemptEnd
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.interruptions import UNTRACKED, Interruption
+from avrgym.vr.session.interruptions import UNTRACKED_TEXTS, Interruption
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -97,7 +97,7 @@ class Ongoing(Phase):
         if state.ready_for != state.trial:
             return phases.ConfirmReady(state)
         if state.untracked is not None:
-            return phases.Paused(state, Text(UNTRACKED[state.untracked]))
+            return phases.Paused(state, Text(UNTRACKED_TEXTS[state.untracked]))
         try:
             state.begin_attempt()
         except OSError as error:
