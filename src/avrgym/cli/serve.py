@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import logged
+from avrgym.cli.activity_log import log_start_and_end
 from avrgym.cli.names import unlock
 from avrgym.cli.options import (
     PEOPLE,
@@ -23,7 +23,7 @@ from avrgym.cli.options import (
 )
 from avrgym.cli.terminal import print_line, report_errors, warn
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.policies.names import CHOICES, OPERATOR, PREFERRED
+from avrgym.policies.names import OPERATOR, POLICY_CHOICES, PREFERRED
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
@@ -62,7 +62,7 @@ def serve(
     policy: Annotated[
         str | None,
         typer.Option(
-            help=f"The policy that drives the robot: {CHOICES}; or {OPERATOR}. By default the first of "
+            help=f"The policy that drives the robot: {POLICY_CHOICES}; or {OPERATOR}. By default the first of "
             f"{', '.join(PREFERRED)} that the environment has."
         ),
     ] = None,
@@ -225,7 +225,7 @@ def _serve_study(
     with (
         Store(folder) as store,
         nullcontext(session_links(store)) as links,
-        logged(store, "start server", "stop server"),
+        log_start_and_end(store, "start server", "stop server"),
         StorageThread() as storing,
         Experimenters(store) as experimenters,
         _streams(store.design.streams) as streams,

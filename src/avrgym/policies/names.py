@@ -4,5 +4,7 @@ SCRIPTS = ("oracle", "random", "zero")
 OPERATOR = "operator"
 PREFERRED = ("adaptive", "revised", "oracle")
 """Policies of sessions without `--policy`: the first one that the environment has."""
-FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
-CHOICES = f"adaptive, original, revised, {', '.join(SCRIPTS)}, {FORMS}, or the name of a plug-in's controller"
+FILE_FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
+POLICY_CHOICES = (
+    f"adaptive, original, revised, {', '.join(SCRIPTS)}, {FILE_FORMS}, or the name of a plug-in's controller"
+)

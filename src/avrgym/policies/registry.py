@@ -13,7 +13,7 @@ from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.names import FORMS, OPERATOR, PREFERRED, SCRIPTS
+from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
 from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
@@ -108,7 +108,7 @@ def find(
         raise PolicyError(
             f"{OPERATOR} needs a person who drives the robot; allowed in `avrgym view`, `avrgym serve` and studies"
         )
-    allowed = ", ".join([*named_policies(environment_id), FORMS])
+    allowed = ", ".join([*named_policies(environment_id), FILE_FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
 
 
@@ -151,7 +151,7 @@ def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str
 
 
 @contextmanager
-def running(
+def open_policy(
     policy: RobotPolicy, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> Generator[ActionFunction]:
     """Context manager: yields a function that maps observations (N, O) to actions (N, A), for one episode of each
@@ -173,7 +173,7 @@ def running(
         yield lambda observations: np.stack(
             [
                 controllers.act(*pair, world.action_size)
-                for pair in zip(instances, observed(policy, world, observations), strict=True)
+                for pair in zip(instances, controller_observations(policy, world, observations), strict=True)
             ]
         )
     finally:
@@ -216,7 +216,7 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
         raise PolicyError(f"this policy cannot drive in {environment_id}: {error}") from error
 
 
-def prepare(policy: AnyPolicy, world: Episodes) -> None:
+def render_once(policy: AnyPolicy, world: Episodes) -> None:
     """Render once for a policy with cameras. Rendering compiles the appearance; without this call the first action
     would be late."""
     cameras = cameras_of(policy, world.environment_id)
@@ -240,7 +240,7 @@ def observed(policy: ExternalController, world: Episodes, observations: FloatArr
     if policy.takes_commands:
         images = {**images, COMMAND: world.loop.command_input()}
     return [
-        {STATE: row, **{name: image[number] for name, image in images.items()}}
+        {STATE_ENTRY: row, **{name: image[number] for name, image in images.items()}}
         for number, row in enumerate(observations)
     ]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.arrays import moved_to, namespace
+from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models.human import People, Posture
 from avrgym.people import cooperation, motion_version_1, motor
 from avrgym.people.cooperation import CooperationState, OfferedPart, PersonObservation
@@ -59,7 +59,7 @@ class BehaviourModel:
         )
         self._state, self._motor = self._initial(people, uniforms)
 
-    def saved(self) -> tuple[BehaviourState, MotorState]:
+    def snapshot(self) -> tuple[BehaviourState, MotorState]:
         """Returns the whole state on which the next steps depend."""
         return self._state, self._motor
 
@@ -82,7 +82,7 @@ class BehaviourModel:
         else:
             state = cooperation.initial_state(people, uniforms)
             moved = cooperation.motor_state(state, people, uniforms, sways=self._cooperating)
-        return moved_to(state, self._exemplar), moved_to(moved, self._exemplar)
+        return to_device_of(state, self._exemplar), to_device_of(moved, self._exemplar)
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
         """Move the targets of the joints ``joints`` for one control step. Actions (N, K) are speeds, divided by the

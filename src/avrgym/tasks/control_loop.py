@@ -124,7 +124,7 @@ class ControlLoop:
                 layer.reset(ids)
         self.abort_step()
 
-    def saved(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """Returns the state of the layers on which the next control step depends."""
         layers = {"pacing": self.pacing, "withdrawal": self.withdrawal, "guard": self.guard}
         return {name: layer.saved() for name, layer in layers.items() if layer is not None}

@@ -12,7 +12,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.commands.preferences import AppliedRules
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import moved_to, namespace
+from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models import robot as robot_model
 from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
@@ -23,7 +23,7 @@ from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartC
 from avrgym.simulation.worlds import Simulation, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks import world_people
-from avrgym.tasks.actions import DeviceActions, checked_actions
+from avrgym.tasks.actions import DeviceActions, validate_actions
 from avrgym.tasks.control_loop import ControlLoop, Step
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.registry import task_and_scene
@@ -169,7 +169,7 @@ class Episodes:
         )
         there = self.simulation.exemplar
         self._people.place(there)
-        self.task_state = moved_to(
+        self.task_state = to_device_of(
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
         )
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
@@ -189,9 +189,9 @@ class Episodes:
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
             "made_with": self._made_with,
-            "simulation": self.simulation.saved(),
-            "people": self._people.saved(),
-            "loop": self.loop.saved(),
+            "simulation": self.simulation.snapshot(),
+            "people": self._people.snapshot(),
+            "loop": self.loop.snapshot(),
             "task_state": self.task_state,
             "start_draws": self.start_draws,
             "arm_start_rad": self._start_positions,
@@ -324,7 +324,7 @@ class Episodes:
         """
         return self.loop.step(actions, recorder)
 
-    def checked(self, actions: FloatArray) -> FloatArray:
+    def validate_actions(self, actions: FloatArray) -> FloatArray:
         """Check actions (N, A) and return them as an array.
 
         On a device, actions must be tensors on this device in single precision. ``check`` reports numbers that are not
@@ -334,8 +334,8 @@ class Episodes:
             ValueError: for a wrong shape, type or device, or numbers that are not finite.
         """
         if self._device_actions is not None:
-            return self._device_actions.checked(actions)
-        return checked_actions(actions, (self.simulation.num_worlds, self.action_size))
+            return self._device_actions.validate_actions(actions)
+        return validate_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
         """Command the robots with checked actions (N, A), and people who move once in a control step or in 0.1 s."""
@@ -399,7 +399,9 @@ class Episodes:
     def evaluate_state(self) -> Step:
         """Evaluate the present state as if a step with zero actions had ended. The tasks' states do not change."""
         state = self.simulation.state()
-        rest = moved_to(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
+        rest = to_device_of(
+            np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar
+        )
         return self.loop.annotate(
             self._step(state, self.task.evaluate_step(state, rest, self.task_state), rest), rest
         )

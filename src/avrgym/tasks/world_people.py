@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.arrays import choose_index, moved_to, namespace
+from avrgym.geometry.arrays import choose_index, namespace, to_device_of
 from avrgym.models.human import JOINTS, People, Person
 from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SUBSTEPS, SceneConfig
 from avrgym.networks.policy import PolicyError
@@ -154,7 +154,7 @@ class WorldPeople:
         if self._clinical:
             signs = impaired_motion.without_signs(np.zeros((self._num_worlds, len(JOINTS))))
             motion = impaired_motion.initial_state(self.people.joint_angles_rad)
-            self._signs, self._motion = moved_to(signs, exemplar), moved_to(motion, exemplar)
+            self._signs, self._motion = to_device_of(signs, exemplar), to_device_of(motion, exemplar)
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
             self.people,
@@ -166,7 +166,7 @@ class WorldPeople:
 
     def _set_people(self, people: People) -> None:
         self.people = people
-        self._device_people = moved_to(people, self._exemplar)
+        self._device_people = to_device_of(people, self._exemplar)
 
     def reset_to_person(self) -> None:
         """Replace the people of all worlds by the fixed person."""
@@ -285,12 +285,12 @@ class WorldPeople:
     def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
         return reachable_rad(self._device_people, joint_angles_rad)
 
-    def saved(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """Returns the whole state on which the next steps depend."""
         return {
             "people": self.people,
-            "behaviour": self._behaviour.saved(),
-            "trained": None if self.trained is None else self.trained.saved(),
+            "behaviour": self._behaviour.snapshot(),
+            "trained": None if self.trained is None else self.trained.snapshot(),
             "steps": self._steps.copy(),
             "impaired": (self._signs, self._motion),
         }

@@ -58,7 +58,7 @@ class PartnerState:
     """
 
     partner: IntArray
-    num_uniforms: FloatArray
+    uniforms: FloatArray
     tool_history_w: FloatArray
     rest_rad: FloatArray
     targets_rad: FloatArray
@@ -86,7 +86,7 @@ def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> P
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
         partner=partners,
-        num_uniforms=uniforms,
+        uniforms=uniforms,
         tool_history_w=xp.zeros(
             (len(uniforms), REMEMBERED_STEPS, 3), dtype=uniforms.dtype, device=uniforms.device
         ),
@@ -122,7 +122,7 @@ def are_startled(state: PartnerState) -> BoolArray:
 
 def motor_state(state: PartnerState, people: People) -> MotorState:
     """Returns the initial state of the motor model."""
-    parameters, uniforms = PARTNER_PARAMETERS.of(state.partner, state.time_s), state.num_uniforms
+    parameters, uniforms = PARTNER_PARAMETERS.of(state.partner, state.time_s), state.uniforms
     further = motor.low_digits(uniforms)
     rhythms = motor.rhythms_of(
         RAD_PER_DEGREE * parameters.sway_deg,
@@ -208,8 +208,8 @@ def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParam
     """Change ``desired`` by occasional head turns: to the side of a companion, or to a random side."""
     count, share = _periods(state, parameters.glance_every_s, 2)
     away = (parameters.glance_share > 0.0) & (share >= 1.0 - parameters.glance_share)
-    side = 1.0 - 2.0 * (state.num_uniforms[:, 3] < 0.5)
-    anywhere = 2.0 * _uniform(state.num_uniforms[:, 3], count) - 1.0
+    side = 1.0 - 2.0 * (state.uniforms[:, 3] < 0.5)
+    anywhere = 2.0 * _uniform(state.uniforms[:, 3], count) - 1.0
     yaw = RAD_PER_DEGREE * (side * parameters.glance_deg + anywhere * parameters.wander_deg)
     desired[:, _HEAD[2]] = namespace(desired).where(away, yaw, desired[:, _HEAD[2]])
 
@@ -219,8 +219,8 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
     count, _ = _periods(state, parameters.shift_every_s, 3)
     extent = RAD_PER_DEGREE * parameters.shift_deg
     for axis, joint in enumerate(_WAIST):
-        desired[:, joint] += extent * (2.0 * _uniform(state.num_uniforms[:, axis], count) - 1.0)
-    desired[:, _SHOULDER] += extent * _uniform(state.num_uniforms[:, 3], count)
+        desired[:, joint] += extent * (2.0 * _uniform(state.uniforms[:, axis], count) - 1.0)
+    desired[:, _SHOULDER] += extent * _uniform(state.uniforms[:, 3], count)
 
 
 def _approach(
@@ -262,7 +262,7 @@ def _withdraw(
 
 def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
     """Returns the number of completed periods (N,), and the elapsed share of the current period (N,)."""
-    rounds = state.time_s / every_s + state.num_uniforms[:, of]
+    rounds = state.time_s / every_s + state.uniforms[:, of]
     count = namespace(rounds).floor(rounds)
     return count, rounds - count
 
