@@ -63,9 +63,9 @@ class BehaviourModel:
         """Returns the whole state on which the next steps depend."""
         return self._state, self._motor
 
-    def restore(self, saved: tuple[BehaviourState, MotorState]) -> None:
-        """Restores a state from ``saved``."""
-        self._state, self._motor = saved
+    def restore(self, snapshot: tuple[BehaviourState, MotorState]) -> None:
+        """Restores a state from ``snapshot``."""
+        self._state, self._motor = snapshot
 
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:
         """Start episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``cooperation.NUM_UNIFORMS``)."""

@@ -134,9 +134,9 @@ class ControlLoop:
         if self.pacing is not None:
             self.pacing.restore(saved["pacing"])
         if self.withdrawal is not None:
-            self.withdrawal.restore(saved["withdrawal"])
+            self.withdrawal.restore(snapshot["withdrawal"])
         if self.guard is not None:
-            self.guard.restore(saved["guard"])
+            self.guard.restore(snapshot["guard"])
 
     @property
     def withdrawing(self) -> BoolArray:
@@ -188,7 +188,7 @@ class ControlLoop:
         """Take one control step with actions (N, A). A recorder receives the forces of each physics step.
 
         Raises:
-            ValueError: for actions that ``Episodes.checked`` rejects. The worlds do not change then.
+            ValueError: for actions that ``Episodes.validate_actions`` rejects. The worlds do not change then.
         """
         self._commanded = self._episodes.checked(actions)
         self._execute(self.apply_withdrawal(self._paced(self._commanded)))

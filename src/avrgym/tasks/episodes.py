@@ -320,7 +320,7 @@ class Episodes:
         """Take one control step with actions (N, A), see ``ControlLoop.step``.
 
         Raises:
-            ValueError: for actions that ``checked`` rejects. The worlds do not change then.
+            ValueError: for actions that ``validate_actions`` rejects. The worlds do not change then.
         """
         return self.loop.step(actions, recorder)
 

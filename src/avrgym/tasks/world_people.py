@@ -295,14 +295,14 @@ class WorldPeople:
             "impaired": (self._signs, self._motion),
         }
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
-        self._set_people(saved["people"])
-        self._behaviour.restore(saved["behaviour"])
-        self._steps = saved["steps"].copy()
-        self._signs, self._motion = saved["impaired"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
+        self._set_people(snapshot["people"])
+        self._behaviour.restore(snapshot["behaviour"])
+        self._steps = snapshot["steps"].copy()
+        self._signs, self._motion = snapshot["impaired"]
         if self.trained is not None:
-            self.trained.restore(saved["trained"])
+            self.trained.restore(snapshot["trained"])
 
 
 def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
