@@ -16,7 +16,7 @@ from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
 PERSON_SETTINGS = ("torso_height_m", "range_share")
-"""Settings of randomly drawn people. These settings have no effect on a fixed person or a participant."""
+"""Settings of randomly sampled people. These settings have no effect on a fixed person or a participant."""
 MAX_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
 MAX_ROBOT_DISTANCE_M, BODY_MASS_RANGE_KG, RANGE_SHARE_LIMITS = 4.0, (30.0, 200.0), (0.2, 1.0)
 CONTROL_RATES_HZ = (5, 10, 20, 50)
