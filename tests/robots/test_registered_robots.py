@@ -33,7 +33,7 @@ from avrgym_example.fetch import FETCH
 TOOLS = {tool.name: tool for tool in (SPOON, CUP, SCRATCHER, WASHCLOTH)}
 EVERY = {robot.name: robot for robot in (*ROBOTS.values(), FETCH)}
 GRIPS = [(robot, tool) for robot in EVERY.values() for tool in robot.grips]
-DEEPEST_M, PINCHED_M, MAX_ROBOT_DISTANCE_M = 0.003, 0.008, 0.003
+DEEPEST_M, PINCHED_M, FARTHEST_M = 0.003, 0.008, 0.003
 """How deep a finger's hull may lie in a tool's, and in the cloth that it pinches; how far off it is at most."""
 
 
@@ -151,7 +151,7 @@ def test_its_grip_holds_the_tool_without_overlap(robot, tool):
         [mujoco.mj_geomDistance(model, data, one, other, 0.1, None) for one in fingers for other in of_tool]
     )
     deepest = PINCHED_M if tool == "washcloth" else DEEPEST_M
-    assert -deepest < gaps.min() < MAX_ROBOT_DISTANCE_M
+    assert -deepest < gaps.min() < FARTHEST_M
 
 
 def carried_by(model: mujoco.MjModel, geom: int, name: str, *, siblings: bool = False) -> bool:

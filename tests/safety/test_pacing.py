@@ -57,7 +57,7 @@ def drive(
     assert pacing is not None
     found = list[tuple[FloatArray, Step, IntArray, FloatArray]]()
     environment = episodes.environment_id
-    with registry.running(registry.find(policy, environment), episodes, generators()) as act:
+    with registry.open_policy(registry.find(policy, environment), episodes, generators()) as act:
         for number in range(steps):
             if number in script:
                 episodes.loop.take_command(script[number])
@@ -144,7 +144,7 @@ def test_preferences_without_waiting_change_no_bit() -> None:
     plain = Episodes(FEEDING, len(SEEDS), people="revised", num_threads=1)
     plain.reset(np.arange(len(SEEDS)), generators())
     episodes, _ = paced(rules(commands=(), side="left"))
-    with registry.running(registry.find("revised", FEEDING), plain, generators()) as act:
+    with registry.open_policy(registry.find("revised", FEEDING), plain, generators()) as act:
         for _, step, _, _ in drive(episodes, "revised", 20, {}):
             other = plain.step(np.clip(act(plain.observe()).astype(float), -1, 1))
             assert_array_equal(step.observation, other.observation)

@@ -28,20 +28,20 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
     passage = FrameTimes()
     passage.note_received(3)
     passage.note_received(4)
-    assert passage.stream_sample_times(state(-1), 0.0) is None
-    passed = passage.stream_sample_times(state(4), 7.5)
+    assert passage.newest_frame_times(state(-1), 0.0) is None
+    passed = passage.newest_frame_times(state(4), 7.5)
     assert passed is not None
     assert (passed.tracking_sequence, passed.simulated_s) == (4, 7.5)
     assert passed.received_s <= passed.sent_s
-    assert passage.stream_sample_times(state(4), 7.5) is None
+    assert passage.newest_frame_times(state(4), 7.5) is None
 
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
     passage = FrameTimes()
     for sequence in range(3 * MAX_STORED_FRAMES):
         passage.note_received(sequence)
-    assert passage.stream_sample_times(state(0), 0.0) is None
-    assert passage.stream_sample_times(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
+    assert passage.newest_frame_times(state(0), 0.0) is None
+    assert passage.newest_frame_times(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
     assert len(passage._received_s) < MAX_STORED_FRAMES
 
 

@@ -346,7 +346,7 @@ def preferences(
     from avrgym.study.people.preferences import preferences_of, record_preferences
     from avrgym.study.storage.store import Store
 
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         texts = participant_texts(store, store.participant(participant))
         own = preferences_of(store, participant) or Preferences()
         if change:

@@ -27,9 +27,9 @@ MAX_DEPTH_M = 10.0
 """Maximum depth. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
-STATE, COMMAND = "state", "command"
+STATE_ENTRY, COMMAND = "state", "command"
 """In an observation that is a dictionary: names of the entries that contain no image."""
-Observed = FloatArray | dict[str, NumpyArray]
+AnyObservation = FloatArray | dict[str, NumpyArray]
 """An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 SCENE_FOVY_DEG = 45.0
 WRIST_FOVY_DEG = 58.0

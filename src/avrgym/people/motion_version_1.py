@@ -89,7 +89,7 @@ def _oscillation_rad(state: PartnerState) -> FloatArray:
     """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
     xp, parameters = namespace(state.targets_rad), PARTNER_PARAMETERS.of(state.partner, state.time_s)
     wave = xp.zeros_like(state.targets_rad)
-    phase = 2.0 * np.pi * state.num_uniforms[:, :2].T
+    phase = 2.0 * np.pi * state.uniforms[:, :2].T
     angle = 2.0 * np.pi * parameters.sway_hz * state.time_s
     swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
     extent = RAD_PER_DEGREE * parameters.sway_deg

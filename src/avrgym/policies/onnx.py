@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import COMMAND, STATE
+from avrgym.models.cameras import COMMAND, STATE_ENTRY
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError
 from avrgym.safety.pacing import COMMAND_INPUT
@@ -34,7 +34,7 @@ class OnnxController:
         """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
         self._session = session
         self._inputs = {
-            COMMAND if tensor.name == COMMAND else STATE: (
+            COMMAND if tensor.name == COMMAND else STATE_ENTRY: (
                 tensor.name,
                 DTYPES[tensor.type],
                 len(tensor.shape) == 2,
@@ -47,13 +47,13 @@ class OnnxController:
 
     def act(self, observation: FloatArray | Mapping[str, FloatArray]) -> ArrayLike:
         """Returns the network's output (A,) for an observation (O,), or for a dictionary with ``command``."""
-        given = observation if isinstance(observation, Mapping) else {STATE: observation}
+        given = observation if isinstance(observation, Mapping) else {STATE_ENTRY: observation}
         feed = {
             name: (given[entry][None] if rows else given[entry]).astype(dtype)
             for entry, (name, dtype, rows) in self._inputs.items()
         }
         (action,) = self._session.run(None, feed)
-        return action[0] if self._inputs[STATE][2] else action
+        return action[0] if self._inputs[STATE_ENTRY][2] else action
 
 
 def find_onnx(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import COMMAND, STATE, AnyCamera, CameraSpec, Observed, as_cameras
+from avrgym.models.cameras import COMMAND, STATE_ENTRY, AnyCamera, AnyObservation, CameraSpec, as_cameras
 from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
@@ -224,7 +224,9 @@ def render_once(policy: AnyPolicy, world: Episodes) -> None:
         world.images(cameras)
 
 
-def observed(policy: ExternalController, world: Episodes, observations: FloatArray) -> list[Observed]:
+def controller_observations(
+    policy: ExternalController, world: Episodes, observations: FloatArray
+) -> list[AnyObservation]:
     """Returns the observation (O,) of each world's controller. For a controller with cameras or commands, it is a
     dictionary with images and the entry ``command``.
 

@@ -101,7 +101,7 @@ class Pacing(PerWorldState):
         self._retreats[world] = Retreat(
             self._simulation,
             world,
-            clear_m=np.inf,
+            mouth_distance_m=np.inf,
             free_m=FARTHEST_M,
             steps=round(float(self._moved_s[world]) / self._step_s),
             step_s=self._step_s,
@@ -181,9 +181,9 @@ class Pacing(PerWorldState):
         rest = self._age_s, self.speed_factor, self.distance_m, self.side, self.waiting
         return np.column_stack([latest, *rest]).astype(float)
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
-        super().restore(saved)
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
+        super().restore(snapshot)
         self._retreats.clear()
 
     def _update_modes(self, state: State) -> None:

@@ -26,7 +26,7 @@ class Step:
 
     Arrays are NumPy arrays in double precision, or on a device tensors in single precision.
 
-    ``executed_action`` (N, J) is the action at the end of the step. ``overridden`` (N,) marks worlds in which the force
+    ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) marks worlds in which the force
     guard, the withdrawal or the pacing layer replaced the commanded action; ``guard_interventions`` (N,) counts the
     guard's interventions in the episode. Both are ``None`` without such a layer.
     """
@@ -127,12 +127,12 @@ class ControlLoop:
     def snapshot(self) -> dict[str, Any]:
         """Returns the state of the layers on which the next control step depends."""
         layers = {"pacing": self.pacing, "withdrawal": self.withdrawal, "guard": self.guard}
-        return {name: layer.saved() for name, layer in layers.items() if layer is not None}
+        return {name: layer.snapshot() for name, layer in layers.items() if layer is not None}
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Restores a state from ``saved``."""
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restores a state from ``snapshot``."""
         if self.pacing is not None:
-            self.pacing.restore(saved["pacing"])
+            self.pacing.restore(snapshot["pacing"])
         if self.withdrawal is not None:
             self.withdrawal.restore(snapshot["withdrawal"])
         if self.guard is not None:
@@ -167,7 +167,7 @@ class ControlLoop:
         return self.pacing.command_input()
 
     def _paced(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, J), changed by the pacing layer. Call it once per control step."""
+        """Returns actions (N, A), changed by the pacing layer. Call it once per control step."""
         return actions if self.pacing is None else self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
@@ -175,7 +175,7 @@ class ControlLoop:
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
-        """Returns the step with the layers' reports, given the commanded actions (N, J)."""
+        """Returns the step with the layers' reports, given the commanded actions (N, A)."""
         if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
@@ -190,7 +190,7 @@ class ControlLoop:
         Raises:
             ValueError: for actions that ``Episodes.validate_actions`` rejects. The worlds do not change then.
         """
-        self._commanded = self._episodes.checked(actions)
+        self._commanded = self._episodes.validate_actions(actions)
         self._execute(self.apply_withdrawal(self._paced(self._commanded)))
         if self.guard is None and recorder is None:
             together = gcd(SUBSTEPS, self._substeps)
@@ -279,7 +279,7 @@ class ControlLoop:
         if self.withdrawing.all():
             requested = self._zeros
         else:
-            requested = self._episodes.checked(source.act(self._first_observation))
+            requested = self._episodes.validate_actions(source.act(self._first_observation))
         self._commanded = self.apply_withdrawal(self._paced(requested))
         self._execute(self._zeros if hold else self._commanded)
         self._note(hold)
@@ -287,7 +287,7 @@ class ControlLoop:
     def _amend_ticks(self, source: ActionSource, hold: bool) -> None:
         requested = None if self.withdrawing.all() else source.update_action()
         if requested is not None:
-            checked = self._episodes.checked(requested)
+            checked = self._episodes.validate_actions(requested)
             paced = checked if self.pacing is None else self.pacing.apply(checked)
             self._commanded = self.apply_withdrawal(paced)
         if hold == self._was_held:

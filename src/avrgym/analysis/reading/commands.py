@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import FROM_0, SHARE, PolicyName, Position, RobotName, TaskName
+from avrgym.analysis.columns import AT_LEAST_0, SHARE, PolicyName, Position, RobotName, TaskName
 from avrgym.analysis.reading.rows import ParticipantColumns, TrialRow
 from avrgym.commands.vocabulary import COMMAND_NAMES
 from avrgym.recording.reader import Recording
@@ -28,15 +28,15 @@ class CommandRow(ParticipantColumns):
     robot: RobotName
     policy: PolicyName
     counted: Annotated[bool, Column("Whether it is in the analyses.")]
-    commands: Annotated[int, Column("Number of executed commands.", allowed=FROM_0)]
-    ignored: Annotated[int, Column("Number of ignored commands.", allowed=FROM_0)]
+    commands: Annotated[int, Column("Number of executed commands.", allowed=AT_LEAST_0)]
+    ignored: Annotated[int, Column("Number of ignored commands.", allowed=AT_LEAST_0)]
     names: Annotated[
         str,
         Column("Number of executed commands by name.", allowed=f"NAME=NUMBER of {', '.join(COMMAND_NAMES)}"),
     ]
     sources: Annotated[str, Column("Number of executed commands by source.", allowed="SOURCE=NUMBER")]
     waiting_s: Annotated[
-        float, Column("Time for which the robot waited at its waiting pose.", unit="s", allowed=FROM_0)
+        float, Column("Time for which the robot waited at its waiting pose.", unit="s", allowed=AT_LEAST_0)
     ]
     agreement_share: Annotated[
         float | None,

@@ -46,7 +46,7 @@ class PartnerState:
 
     Attributes:
         partner: row of each partner in ``PARTNER_PARAMETERS`` (N,).
-        num_uniforms: random numbers of each person, 0 to 1 (N, 4).
+        uniforms: random numbers of each person, 0 to 1 (N, 4).
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
         targets_rad: joint targets without rhythmic motion (N, 20).

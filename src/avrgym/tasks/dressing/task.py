@@ -60,7 +60,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)
     goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
     tool_w = hand_w - START_BEFORE_HAND_M * forearm_w + offset
-    return placement.placed_start(
+    return placement.find_start(
         scene, people, {}, tool_w, forearm_q, goals, goals_q, uniforms[:, 3:], along_goals=True
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from avrgym.commands.vocabulary import WATCHER_SOURCES, Source
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import CommandName, Disconnected, Received, StopMethod
-from avrgym.vr.session.interruptions import lost_visibility
+from avrgym.vr.session.interruptions import visibility_interruption
 from avrgym.vr.session.phases import Phase
 
 STOP_METHODS: Mapping[Source, StopMethod] = {"key": "key", "button": "button"}
