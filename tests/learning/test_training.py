@@ -476,7 +476,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
         guards.append(made.loop.guard)
         return made
 
-    monkeypatch.setattr("avrgym.learning.rollouts.worlds_of", worlds)
+    monkeypatch.setattr("avrgym.learning.rollouts.cached_worlds", worlds)
 
     def kill(progress: Progress) -> None:
         raise Killed

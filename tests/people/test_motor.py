@@ -74,11 +74,11 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
         way = np.clip(way + rng.uniform(-0.15, 0.15, way.shape), -0.5, 0.5)
         model.choose_goals(observe, possible)
         shown.append(model.next_targets(possible, SUBSTEPS))
-        state = model.saved()[0]
+        state = model.snapshot()[0]
         if isinstance(state, PartnerState):
             startled |= state.startle_count > 0.0
     speed = np.abs(np.diff(np.concatenate(shown), axis=0)).max(axis=0) / PHYSICS_STEP_S
-    limit = motor.speed_limit_rad_s(model.saved()[1], startled)
+    limit = motor.speed_limit_rad_s(model.snapshot()[1], startled)
     assert (speed <= limit + 1e-9).all()
     assert (speed > 0.3 * limit).any(axis=0).sum() > 3, "people hardly moved"
     assert startled.any() == (drawn is not None and TASKS[task].offered != "nothing")

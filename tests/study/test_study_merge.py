@@ -378,7 +378,7 @@ def test_accepted_differences_are_reported(sites: list[Path], out: Path) -> None
     set_in_design(sites[1], "free_movement_s = 5.0", "free_movement_s = 4.0")
     told: list[str] = []
     for _ in range(2):
-        merge_studies(sites, out, accept_differences=True, tell=told.append)
+        merge_studies(sites, out, accept_differences=True, report=told.append)
     assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
     with Store(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
@@ -398,7 +398,7 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     assert "trial-02_attempt-1.mcap is missing; --skip-damaged omits" in str(refused.value)
     assert not out.exists()
     told: list[str] = []
-    merge_studies(sites, out, skip_damaged=True, tell=told.append)
+    merge_studies(sites, out, skip_damaged=True, report=told.append)
     assert len(told) == 2
     assert check_errors(out) == []
     with Store(out) as store:

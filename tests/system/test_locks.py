@@ -23,9 +23,9 @@ TRAINING = DATA / "training-of-0.2.0"
 HOLD = """
 import sys, time
 from pathlib import Path
-from avrgym.system.locks import locked
+from avrgym.system.locks import lock_folder
 
-with locked(Path(sys.argv[1])):
+with lock_folder(Path(sys.argv[1])):
     print(flush=True)
     time.sleep(600)
 """

@@ -102,7 +102,7 @@ class Pacing(PerWorldState):
             self._simulation,
             world,
             mouth_distance_m=np.inf,
-            free_m=FARTHEST_M,
+            person_distance_m=FARTHEST_M,
             steps=round(float(self._moved_s[world]) / self._step_s),
             step_s=self._step_s,
         )
