@@ -40,7 +40,7 @@ def head_motion(people: str, worlds: int, seed: int) -> np.ndarray:
     episodes.reset(np.arange(worlds), generators)
     found = []
     ticks, every = STEPS * episodes.scene.substeps, round(SAMPLE_S / 0.01)
-    with registry.running(registry.find("revised", ENVIRONMENT), episodes, generators) as act:
+    with registry.open_policy(registry.find("revised", ENVIRONMENT), episodes, generators) as act:
         source = Source(lambda observation: act(observation).astype(float))
         for tick in range(ticks):
             episodes.loop.tick(source)

@@ -38,7 +38,7 @@ class PoseRecorder:
         self.arguments: tuple[Any, ...] = ()
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Initial states, as ``placed_start`` returns them."""
+        """Initial states, as ``find_start`` returns them."""
         self.arguments = arguments
         return self._placed_start(*arguments, **options)
 

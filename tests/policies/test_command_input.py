@@ -10,7 +10,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from avrgym.commands.preferences import CommandRules, apply_preferences
 from avrgym.commands.vocabulary import COMMAND_NAMES
-from avrgym.models.cameras import COMMAND, STATE
+from avrgym.models.cameras import COMMAND, STATE_ENTRY
 from avrgym.policies import controllers, registry
 from avrgym.policies.onnx import find_onnx
 from avrgym.policies.registry import find
@@ -75,13 +75,13 @@ def test_controllers_receive_the_latest_command(kind: str, tmp_path: Path) -> No
     assert isinstance(policy, controllers.ExternalController)
     assert policy.takes_commands
     world = episodes(pacing=False)
-    (before,) = registry.observed(policy, world, world.observe())
+    (before,) = registry.controller_observations(policy, world, world.observe())
     world.loop.take_command("ready")
-    (after,) = registry.observed(policy, world, world.observe())
+    (after,) = registry.controller_observations(policy, world, world.observe())
     assert isinstance(before, dict)
     assert isinstance(after, dict)
     assert_array_equal(before[COMMAND], NO_COMMAND)
-    assert_array_equal(after[STATE], before[STATE])
+    assert_array_equal(after[STATE_ENTRY], before[STATE_ENTRY])
     controller = policy.make()
     assert controllers.act(controller, before, 7)[0] == 0.0
     assert controllers.act(controller, after, 7)[0] == 1.0

@@ -59,9 +59,9 @@ def bench_cameras(
     """Measure images per second of the wrist camera, by kind and size. Use an idle computer."""
     from avrgym.envs.benchmark import measure_cameras
 
-    with plain_errors():
+    with report_errors():
         check_json(json_file)
-        chosen = chosen_environments(env or ["avrgym/FeedingJaco-v1"], every=False)
+        chosen = select_environments(env or ["avrgym/FeedingJaco-v1"], every=False)
         rows = [asdict(row) for environment in chosen for row in measure_cameras(environment)]
         print_table(rows)
         write_json(json_file, rows)

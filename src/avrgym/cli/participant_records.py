@@ -10,7 +10,7 @@ import typer
 from avrgym.cli.activity_log import log
 from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
+from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
 from avrgym.commands.input_names import METHODS, STOP_WAYS
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ def change_input(
         "stops": stop,
     }
     given = {name: value for name, value in options.items() if value is not None}
-    with plain_errors(), Store(folder) as store:
+    with report_errors(), Store(folder) as store:
         before = store.participant(participant).input_profile or CONTROLLERS
         known = {name: getattr(before, name) for name in before.__struct_fields__}
         if method is not None and method != before.method:

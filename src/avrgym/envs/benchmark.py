@@ -12,7 +12,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import moved_to
+from avrgym.geometry.arrays import to_device_of
 from avrgym.models.cameras import KINDS, WRIST, CameraSpec
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine

@@ -27,7 +27,7 @@ from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.events import EventSink, Observer
-from avrgym.vr.session.interruptions import lost_time, lost_tracking
+from avrgym.vr.session.interruptions import time_interruption, tracking_interruption
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
 from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
