@@ -351,7 +351,7 @@ def test_packaged_policies_name_environment_and_people(path):
     people = "zoo/train" if kind == "adaptive" else kind
     assert (metadata.environment, metadata.people) == (f"avrgym/{scene}-v1", people)
     assert metadata.steps > 0
-    assert metadata.measured["episodes"] >= 200
+    assert int(metadata.measured["episodes"]) >= 200
 
 
 def test_the_preferred_policy_is_adaptive_then_revised_then_oracle():

@@ -1,7 +1,7 @@
 """Laws of input profiles: each has a way to stop that its participant can use; impossible ones are refused."""
 
 from itertools import product
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -43,7 +43,7 @@ def test_a_profile_without_a_possible_stop_is_refused(method: Any) -> None:
 def test_a_method_needs_one_of_its_arms() -> None:
     for (method, arms), kind in product(USED_ARMS.items(), ("resting_arms", "absent_arms")):
         with pytest.raises(InputProfileError, match="needs an arm"):
-            InputProfile(method, **{kind: tuple(sorted(arms))})
+            InputProfile(method, **cast(Any, {kind: tuple(sorted(arms))}))
     one = InputProfile("controllers", absent_arms=("left",))
     assert one.used_arms == ("right",)
     assert [part for part in ("head", "left", "right") if one.needs(part)] == ["head", "right"]

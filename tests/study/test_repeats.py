@@ -349,7 +349,7 @@ def imagined(
             )
             success = bool(generator.random() < (0.8 if policy == "revised" else 0.4))
             metrics = Metrics(design.trial_steps, -1.0, success, 20.0)
-            first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, "", "")
+            first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, None, "", "")
             again = generator.random() < (after_success if success else after_failure)
             repeats = [Repeat(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
             last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
