@@ -161,7 +161,7 @@ def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
             )
         assert list(check_repeats(store)) == []
         page = " ".join(Page(write_without_figures(analyse(store), folder, folder / "analysis")).text.split())
-    assert "8 attempts were replaced by repeats: experimenter 8. Ordered by: ada 8." in page
+    assert "8 attempts were replaced by repeats: experimenter 8. Requested by: ada 8." in page
 
 
 def test_limit_of_the_frozen_plan_applies(folder: Path) -> None:
