@@ -35,6 +35,7 @@ from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
 from avrgym.tasks.settings import DEFAULTS, PERSON_SETTINGS, Settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
+from avrgym.vr.session.headset_time import NO_RULES, SessionRules
 
 FILE = "study.toml"
 PROTOCOL = (
@@ -95,7 +96,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``force_guard``: the arms' contact forces and approach speed are limited; default: off.
     ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
     ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
-    ``streams``: data streams to and from other devices. ``headset_check``: sessions of people begin with such a check.
+    ``streams``: data streams to and from other devices. ``sessions``: breaks and limits of sessions. ``headset_check``: sessions of people begin with such a check.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
     ``conditions``: a name in ``policies`` may be a condition of this table: a policy with commands of the participant.
@@ -129,6 +130,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     goals: Mapping[str, Sentence] = {}
     furniture: RealFurniture = RealFurniture()
     settings: Settings = DEFAULTS
+    sessions: SessionRules = NO_RULES
     conditions: Mapping[str, CommandRules] = {}
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
@@ -309,6 +311,7 @@ _TABLES: Tables = {
     ("database",): DatabaseConfig,
     ("furniture",): RealFurniture,
     ("settings",): Settings,
+    ("sessions",): SessionRules,
     ("conditions",): CommandRules,
     ("conditions", "defaults"): Preferences,
     ("conditions", "thresholds"): Thresholds,

@@ -143,17 +143,31 @@ def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
     """Run the remaining trials of a simulated participant in this process, until the last trial or a withdrawal."""
     with Store(folder) as store:
         try:
-            _run_visit(store, pseudonym, dry_run)
+            _run_visits(store, pseudonym, dry_run)
         except RuntimeError:
             if store.participant(pseudonym).state not in LEFT_STUDY_STATES:
                 raise
 
 
+def _run_visits(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+    """Run sessions until no trial remains. A session ends when the limit of the time in VR is reached."""
+    while has_remaining(store, pseudonym):
+        before = len(store.remaining_trials(pseudonym))
+        _run_visit(store, pseudonym, dry_run)
+        if len(store.remaining_trials(pseudonym)) == before:
+            limit = store.design.sessions.max_headset_minutes
+            raise StudyError(
+                f"{pseudonym} completes no trial within max_headset_minutes = {limit:g}; allowed: a higher limit"
+            )
+
+
 def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
     with StudyVisit(store, pseudonym) as visit:
         rng = _random(dry_run.seed, visit.stored.participant)
+        for _ in range(sum(each.state == "closed" for each in store.sessions(pseudonym))):
+            _draw_answers(store, visit.stored.participant, rng)
         _answer(visit, "before_session", rng)
-        while has_remaining(store, pseudonym):
+        while has_remaining(store, pseudonym) and not visit.headset_time.is_over:
             _run_trial(visit, dry_run)
             if visit.ended_elsewhere:
                 raise StudyError(f"{visit.stored} was ended by another process")
@@ -176,6 +190,13 @@ def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
         value = int(rng.integers(1, item.points + 1))
         if item in asked:
             visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
+
+
+def _draw_answers(store: Store, participant: int, rng: np.random.Generator) -> None:
+    """Consume the random numbers of the answers about one session."""
+    for when in ("before_session", "after_session"):
+        for item in store.design.items_at(when, seed=participant):
+            rng.integers(1, item.points + 1)
 
 
 def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:

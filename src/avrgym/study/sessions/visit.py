@@ -25,12 +25,14 @@ from avrgym.study.people.preferences import preferences_of, trial_rules
 from avrgym.study.sessions.links import language_message
 from avrgym.study.sessions.threads import SessionWatch, StorageQueue
 from avrgym.study.storage.answers import (
+    AFTER_BREAK,
     answered_in_visit,
     attempts_with_open_questionnaire,
     change_answer,
     change_session_answer,
     record_answer,
     record_session_answer,
+    sessions_of_visit,
     skip_questionnaire,
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
@@ -51,12 +53,15 @@ from avrgym.texts.interface_texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
+from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import HeadsetCheckPlan, OpenQuestionnaire, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
+HEADSET_USED = "headset used"
+"""Name of the event with a time in VR."""
 STORE_TIMEOUT_S = 20.0
 """Maximum time to store the end of a session, in seconds."""
 
@@ -92,6 +97,7 @@ class StudyVisit:
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
         self._watch = SessionWatch(store, self.stored.id)
+        self.headset_time = HeadsetTime(store.design.sessions, headset_s(store, self.stored, before=True))
         self._store_policies()
 
     @property
@@ -144,6 +150,7 @@ class StudyVisit:
                 streams=streams,
                 state_interval_ticks=state_interval_ticks,
                 participant_input=self.input,
+                headset_time=self.headset_time,
             )
         except NoClearanceError as error:
             raise StudyError(
@@ -237,6 +244,14 @@ class StudyVisit:
         self.close()
 
 
+def headset_s(store: Store, session: StudySession, *, before: bool = False) -> float:
+    """Time in VR of a session in seconds; with ``before``, of the interrupted sessions that it continues."""
+    sessions = store.sessions(pseudonym_of(session.participant))
+    ids = set(sessions_of_visit(sessions, session.id)) - {session.id} if before else {session.id}
+    used = [event for event in store.events() if event.session in ids and event.name == HEADSET_USED]
+    return sum(float(event.detail.removeprefix("seconds ")) for event in used)
+
+
 def has_remaining(store: Store, pseudonym: str) -> bool:
     """Whether a trial or an open questionnaire of the participant remains."""
     return bool(
@@ -291,6 +306,8 @@ def plan_session(
         consent=latest_consent(store.consents(pseudonym)),
         settings=design.settings,
         allow_other_settings=design.allow_other_settings,
+        session_rules=design.sessions,
+        break_items=translate(design.items_at(AFTER_BREAK, participant.number), texts),
     )
 
 
@@ -368,6 +385,8 @@ class EventStorage:
             case events.Calibrated() | events.TorsoHeightCorrected():
                 self._torso_height_m = event.torso_height_m
                 self._record_event(event)
+            case events.AnsweredAfterBreak():
+                record_session_answer(self._store, self._session.id, event.answer, AFTER_BREAK)
             case events.InputChanged():
                 pass  # ``StudyVisit.change_input`` stores it
             case _:

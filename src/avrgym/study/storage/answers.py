@@ -26,6 +26,8 @@ from avrgym.study.storage.store import (
 
 ANSWER_CHANGED = "answer changed"
 """Name of the event of a changed answer; its detail contains the item and both values."""
+AFTER_BREAK = "after_break"
+"""The moment whose items a participant may answer several times in a session."""
 ANSWERED = "answered"
 """Event of an answer about a session: its name is this word and the moment, and its detail is the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
@@ -71,9 +73,9 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
-    """Store an answer to an item before or after a session.
+    """Store an answer to an item before or after a session, or after a break.
 
-    ``when``: one of ``SESSION_MOMENTS``, required if the item is in both questionnaires.
+    ``when``: the moment, required if the item is shown at several moments.
 
     Raises:
         StudyError: for an invalid or second answer, or if the session is not open.
@@ -83,7 +85,7 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
         session = find_open_session(connection, session_id)
         answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
-        given = [each for each in answers if moments[each.id] == moment]
+        given = [each for each in answers if moments[each.id] == moment and moment != AFTER_BREAK]
         _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
         record_event(connection, f"{ANSWERED} {moment}", answer.item, subject_of(session))
 

@@ -68,7 +68,7 @@ class InProcessClient:
     def _respond(self, session: Session) -> None:
         waited_s = self._now_s - self._heard_s
         if (
-            session.phase in ("headset", "calibration", "check", "ready", "paused")
+            session.phase in ("headset", "calibration", "check", "ready", "break", "paused")
             and waited_s > CALIBRATION_S
         ):
             self._press_trigger(session)

@@ -21,7 +21,7 @@ from avrgym.recording import schema
 from avrgym.recording.input_profile import Arm as Arm
 from avrgym.recording.input_profile import InputProfile
 
-PROTOCOL = 14
+PROTOCOL = 15
 
 TICK_S = PHYSICS_STEP_S
 """Period of the real-time loop."""
@@ -179,6 +179,10 @@ class Recalibrate(Message, frozen=True, tag="recalibrate"):
     """The participant requests a new calibration, because body or seat do not fit."""
 
 
+class RequestBreak(Message, frozen=True, tag="request_break"):
+    """The participant requests a break before the next trial."""
+
+
 class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The origin of the reference space has changed, so the registration is invalid."""
 
@@ -247,6 +251,7 @@ ClientMessage = (
     | RobotCommand
     | VisibilityChanged
     | Recalibrate
+    | RequestBreak
     | OriginReset
     | Answer
     | Back
@@ -258,7 +263,7 @@ ClientMessage = (
 
 # From the experimenter ---------------------------------------------------------------------------------------
 
-CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "recalibrate"]
+CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "recalibrate", "break"]
 
 
 class Command(Message, frozen=True, tag="command"):
@@ -266,7 +271,8 @@ class Command(Message, frozen=True, tag="command"):
 
     ``stop``: stop the robot immediately; the participant may repeat the trial. ``pause``: stop the robot, and
     start no trial before ``continue``. ``repeat``: a new attempt at the trial. ``skip``: go to the next
-    trial. ``end``: end the session. ``recalibrate``: calibrate the participant again.
+    trial. ``end``: end the session. ``recalibrate``: calibrate the participant again. ``break``: a break before
+    the next trial.
     """
 
     name: CommandName
@@ -346,6 +352,7 @@ PhaseName = Literal[
     "free_after",
     "questionnaire",
     "confirm",
+    "break",
     "paused",
     "finished",
     "viewing",
@@ -568,7 +575,8 @@ class Status(Message, frozen=True, tag="status"):
     ends after a second.
     ``operated``: the experimenter drives the robot in this trial. ``idle``: the robot holds still without an action.
     ``pause_reason``: the answer that triggered a stop rule, or empty. ``latency``: recent latencies from
-    tracking to display, in total (``total_ms``) and by stage. ``streams``: streams of other devices.
+    tracking to display, in total (``total_ms``) and by stage. ``streams``: streams of other devices. ``headset_s``: the
+    participant's time in VR, and its limit. ``break_is_due``: a break follows before the next trial.
     """
 
     phase: PhaseName
@@ -599,6 +607,9 @@ class Status(Message, frozen=True, tag="status"):
     idle: bool
     latency: list[StageLatency]
     streams: list[StreamStatus]
+    headset_s: float = 0.0
+    headset_limit_s: float | None = None
+    break_is_due: bool = False
 
 
 class Timing(Message, frozen=True, tag="timing"):

@@ -36,6 +36,8 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.on_origin_reset()
         case messages.Ready():
             return phase.on_ready()
+        case messages.RequestBreak():
+            return phase.request_break("participant")
         case messages.Recalibrate():
             return phase.recalibrate()
         case messages.Answer():
@@ -94,3 +96,5 @@ def execute_command(phase: Phase, command: CommandName) -> Phase:
             return phase.end()
         case "recalibrate":
             return phase.repeat_measurement()
+        case "break":
+            return phase.request_break("experimenter")

@@ -184,6 +184,37 @@ class StopRuleMet(SessionEvent):
 
 
 @dataclass(frozen=True)
+class BreakRequested(SessionEvent):
+    """The participant or the experimenter requested a break before the next trial."""
+
+    by: Initiator
+
+
+@dataclass(frozen=True)
+class BreakBegun(SessionEvent):
+    """A break between two trials has begun."""
+
+
+@dataclass(frozen=True)
+class BreakEnded(SessionEvent):
+    """The participant ended the break."""
+
+
+@dataclass(frozen=True)
+class AnsweredAfterBreak(SessionEvent):
+    """The participant answered an item after a break."""
+
+    answer: Answer
+
+
+@dataclass(frozen=True)
+class HeadsetUsed(SessionEvent):
+    """The participant spent this time in VR since the previous such event."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Continued(SessionEvent):
     """The experimenter continued the session: trials may start."""
 

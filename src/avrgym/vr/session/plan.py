@@ -16,6 +16,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.texts.interface_texts import ENGLISH, Texts
+from avrgym.vr.session.headset_time import NO_RULES, SessionRules
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ class SessionPlan:
     also stretch their arms, and the model gets the participant's arm length. ``open_questionnaire``: a questionnaire of
     an earlier session that is completed first. ``consent``: the participant's consent, for the recordings.
     ``input_profile``: how the participant selects and stops at the start of the session. ``settings``: settings of all
-    environments. ``allow_other_settings``: whether policies may have been trained with
-    other settings.
+    environments. ``allow_other_settings``: whether policies may have been trained with other settings.
+    ``session_rules``: breaks and the limit of the time in VR. ``break_items``: the questions after a break.
     """
 
     trials: Sequence[TrialPlan]
@@ -102,6 +103,8 @@ class SessionPlan:
     input_profile: InputProfile = CONTROLLERS
     settings: Settings = DEFAULTS
     allow_other_settings: bool = False
+    session_rules: SessionRules = NO_RULES
+    break_items: Sequence[Item] = ()
 
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)

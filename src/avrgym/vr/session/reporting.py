@@ -12,6 +12,7 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Send
 from avrgym.vr.session.attempt import Attempt
+from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 STATUS_INTERVAL_TICKS = 20
@@ -73,6 +74,7 @@ def status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
     streams: list[messages.StreamStatus], visibility: messages.Visibility, profile: InputProfile,
+    headset_time: HeadsetTime,
 ) -> messages.Status:  # fmt: skip
     """Returns the status of a session. ``steps`` is the number of control steps of a trial."""
     left, right = tracking.modalities
@@ -107,4 +109,7 @@ def status(
         idle=driver.idle or bool(tracking.lost),
         latency=latency,
         streams=streams,
+        headset_s=headset_time.total_s,
+        headset_limit_s=headset_time.limit_s,
+        break_is_due=headset_time.break_is_due,
     )

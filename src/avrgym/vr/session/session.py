@@ -27,6 +27,7 @@ from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.events import EventSink, Observer
+from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.interruptions import time_interruption, tracking_interruption
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
@@ -62,6 +63,7 @@ class Session:
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
         participant_input: ParticipantInput | None = None,
+        headset_time: HeadsetTime | None = None,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -81,6 +83,7 @@ class Session:
             streams: the streams of other devices, for sessions in real time.
             state_interval_ticks: interval of the world's states, in ticks.
             participant_input: the participant's input; default: the plan's input profile.
+            headset_time: the participant's time in VR; default: a new one with the plan's rules.
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
@@ -94,8 +97,9 @@ class Session:
         versions()  # this reads files the first time, which must not delay a tick
         participant_input = participant_input or ParticipantInput(plan.input_profile)
         self._state = SessionState(
-            plan, drivers, identifier, send, sink, storage, worlds, trial, person, participant_input
-        )
+            plan, drivers, identifier, send, sink, storage, worlds, trial, person, participant_input,
+            headset_time or HeadsetTime(plan.session_rules),
+        )  # fmt: skip
         self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
         self._reporter = Reporter(send, state_interval_ticks)
@@ -196,6 +200,7 @@ class Session:
         state, storage = self._state, self._state.storage
         before_s, self._ticked_s = self._ticked_s, now_s
         state.now_s = now_s
+        state.count_headset_time(0.0 if before_s is None else now_s - before_s)
         if self._ended_elsewhere() or self._is_over():
             self._go_to(self._phase.cancel())
         if storage.attempt is not None:
@@ -356,6 +361,7 @@ class Session:
                 streams=streams,
                 visibility=state.visibility,
                 profile=state.input.profile,
+                headset_time=state.headset_time,
             )
             state.send(how)
 

@@ -30,6 +30,7 @@ from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.head_commands import HeadCommands
+from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
@@ -54,7 +55,7 @@ class SessionState:
     rule ends the session. ``ready_for``: the trial for which the participant last confirmed to be ready.
     ``visibility``: whether the participant sees the scene. ``away``: the text that explains why the participant is not
     in VR; ``None`` in VR. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or
-    was skipped. ``input``: the participant's input profile. ``now_s``: time since the session's start.
+    was skipped. ``input``: the participant's input profile. ``headset_time``: the time in VR. ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan
@@ -67,6 +68,7 @@ class SessionState:
     trial: int
     person: Person
     input: ParticipantInput = field(default_factory=ParticipantInput)
+    headset_time: HeadsetTime = field(default_factory=HeadsetTime)
     tracking: TrackingState = field(default_factory=TrackingState)
     height_known: bool = False
     calibrated_for: human.Posture | None = None
@@ -200,6 +202,25 @@ class SessionState:
         """Prevent further trials, without a report."""
         self.on_hold, self.pause_reason = True, decision.why
         self.ending = self.ending or decision.then == "end"
+
+    def count_headset_time(self, seconds: float) -> None:
+        """Count time in VR, and report when little of it is left."""
+        if self.away is None:
+            self.headset_time.add(seconds)
+            warning = self.headset_time.take_warning()
+            if warning:
+                self.report(warning)
+
+    def report_headset_time(self) -> None:
+        """Report the time in VR that was not reported yet."""
+        seconds = self.headset_time.take_unstored_s()
+        if seconds > 0.0:
+            self.sink.report(events.HeadsetUsed(self.now_s, seconds))
+
+    def request_break(self, by: events.Initiator) -> None:
+        """Request a break before the next trial."""
+        self.headset_time.request_break()
+        self.sink.report(events.BreakRequested(self.now_s, by))
 
     # The participant's body --------------------------------------------------------------------------------------
 
@@ -416,7 +437,9 @@ class SessionState:
         """End a running attempt. Returns the error that makes its recording incomplete, if any."""
         if self.storage.attempt is None:
             return None
-        return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
+        failure = self.storage.end(result, self.tracking.take_arrived(), self.now_s)
+        self.report_headset_time()
+        return failure
 
     def complete_attempt(self) -> RecordingError | None:
         """Stop the robot after it has finished, and complete a running attempt. Returns the result of

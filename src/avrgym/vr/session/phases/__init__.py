@@ -6,6 +6,7 @@ The phases form cycles, so their modules import each other through this module.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
+from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
 from avrgym.vr.session.phases.checking import (
     CheckAtRest,
     CheckMoving,
@@ -40,7 +41,17 @@ from avrgym.vr.session.phases.running import (
 )
 
 TrialStart = (
-    LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | ConfirmReady | FreeMovementBefore
+    LoadTrial
+    | Calibration
+    | Storing
+    | Waiting
+    | Break
+    | BreakQuestionnaire
+    | Paused
+    | RecordingFailed
+    | ConfirmReady
+    | FreeMovementBefore
+    | Finished
 )
 """Phases that may follow when a trial is to start."""
 SessionEnd = Finished | RecordingFailed
@@ -59,7 +70,8 @@ AfterLoading = TrialStart | Check
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
     ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, ConfirmReady,
-    FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm, Paused,
+    FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm, Break,
+    BreakQuestionnaire, Paused,
     RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""

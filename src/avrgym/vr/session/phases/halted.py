@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.texts.interface_texts import Text
-from avrgym.vr.session import phases
+from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import BetweenTrials
 from avrgym.vr.session.phases.phase import Phase
@@ -53,6 +53,11 @@ class Finished(Phase):
 
     def on_enter(self) -> None:
         self.state.drivers.close()
+        self.state.report_headset_time()
+
+    def request_break(self, by: events.Initiator) -> Self:
+        """Refused: the session is over."""
+        return self._refuse("nothing_to_begin", by)
 
     def interrupt(self, interruption: Interruption) -> Self:
         """Do nothing: the participant takes off the headset."""

@@ -86,6 +86,12 @@ class Ongoing(Phase):
             return phases.Storing(state)
         if state.away is not None:
             return phases.Waiting(state, state.away)
+        if state.headset_time.is_over:
+            return self._finish("time_over")
+        if state.headset_time.break_is_due:
+            return phases.Break(state)
+        if state.headset_time.questions_due and state.plan.break_items:
+            return phases.BreakQuestionnaire(state)
         if not state.worlds.is_fresh(state.trial, state.person):
             return phases.LoadTrial(state)
         if state.calibrated_for is not state.world.scene_config.posture:
@@ -243,6 +249,10 @@ class BetweenTrials(InPlace):
     def on_ready(self) -> phases.TrialStart | Self:
         self.state.ready_for = self.state.trial
         return self._begin_trial()
+
+    def request_break(self, by: events.Initiator) -> phases.Break | Self:
+        self.state.request_break(by)
+        return phases.Break(self.state)
 
 
 class Stoppable(InPlace):

@@ -85,6 +85,11 @@ class Phase:
         """The participant reports that body or seat does not fit."""
         return self._refuse("measured_between_trials")
 
+    def request_break(self, by: events.Initiator) -> Phase:
+        """Participant or experimenter request a break, which follows before the next trial."""
+        self.state.request_break(by)
+        return self._refuse("break_follows", by)
+
     def answer(self, answer: messages.Answer) -> Phase:
         """The participant answered a question."""
         return self._refuse("no_question")

@@ -1,0 +1,84 @@
+"""Breaks between trials, and the questions after a break."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from avrgym.texts.interface_texts import Text
+from avrgym.vr.protocol import messages
+from avrgym.vr.session import events, phases
+from avrgym.vr.session.phases.kinds import BetweenTrials
+from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.state import SessionState
+
+
+class Break(BetweenTrials):
+    """The participant takes a break, with or without the headset. The trigger ends it."""
+
+    name = "break"
+    message = Text("take_break")
+
+    def on_enter(self) -> None:
+        self.state.headset_time.begin_break()
+        self.state.sink.report(events.BreakBegun(self.state.now_s))
+
+    def on_ready(self) -> phases.TrialStart:
+        self.state.headset_time.end_break()
+        self.state.sink.report(events.BreakEnded(self.state.now_s))
+        return self._begin_trial()
+
+    def request_break(self, by: events.Initiator) -> Self:
+        return self
+
+
+class BreakQuestionnaire(BetweenTrials):
+    """The participant answers the questions after a break. The answers are stored after the last one."""
+
+    name = "questionnaire"
+    message = Text("questionnaire")
+    awaits_ready = can_recalibrate = can_choose_body = False
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state)
+        self._questions = Questions(state.plan.break_items)
+        self._given: dict[str, messages.Answer] = {}
+
+    @property
+    def question(self) -> messages.Question:
+        return self._questions.question()
+
+    def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
+        """Take the answer to the current question. The last answer ends the questionnaire."""
+        state = self.state
+        try:
+            given = self._questions.take(answer)
+        except ValueError as error:
+            state.send(self.question)
+            self._refuse("not_an_answer")
+            return self._report(str(error))
+        self._given[given.item] = answer
+        if not self._questions.done:
+            state.send(self.question)
+            return self
+        for each in self._given.values():
+            stored = messages.schema.Answer(each.item, each.value, each.response_time_s)
+            state.sink.report(events.AnsweredAfterBreak(state.now_s, stored))
+            decision = state.plan.stop_rules.decide(each.item, each.value)
+            if decision is not None:
+                state.apply_stop_rule(decision)
+        state.headset_time.questions_due = False
+        return self._begin_trial()
+
+    def go_back(self) -> Self:
+        if not self._questions.go_back():
+            return self._refuse("no_way_back")
+        self.state.send(self.question)
+        return self
+
+    def on_ready(self) -> Self:
+        return self._refuse("nothing_to_begin")
+
+    def skip(self) -> phases.TrialStart:
+        """Continue without the answers."""
+        self.state.headset_time.questions_due = False
+        return self._begin_trial()
