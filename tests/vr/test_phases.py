@@ -8,6 +8,7 @@ from typing import Any, Self, get_args, get_type_hints
 
 import pytest
 
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.vr.protocol.messages import (
     Answer,
     Back,
@@ -25,6 +26,7 @@ from avrgym.vr.protocol.messages import (
     Ready,
     Recalibrate,
     Received,
+    RequestBreak,
     Scene,
     SceneLoaded,
     Stop,
@@ -97,9 +99,11 @@ class Walk:
         "repeat",
         "skip",
         "recalibrate",
+        "break",
     )
     DISRUPTIONS: Sequence[Received] = (
-        Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), Stop(), Ready(), Hello(4, "", "", True),
+        Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), RequestBreak(), Stop(), Ready(),
+        Hello(4, "", "", True),
         ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseParticipantBody("woman", "blue"),
         Answer("L1", 4, 1.0),
         VisibilityChanged("visible-blurred"), VisibilityChanged("visible"), VisibilityChanged("visible"), Back(),
@@ -115,6 +119,7 @@ class Walk:
             plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING)),
             headset_check=checked,
             measure_reach=True,
+            break_items=LIKERT_ITEMS[:1],
         )
         how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
         self.visit = Visit(
@@ -158,7 +163,7 @@ class Walk:
         elif self.visit.phase == "headset":
             shown = SceneLoaded(self.visit.received(Scene)[-1].url) if self.visit.received(Scene) else Ready()
             self._tell(self._chance.choice([Ready(), Ready(), shown, shown, Command("skip")]))
-        elif self.visit.phase in ("calibration", "check", "ready", "paused"):
+        elif self.visit.phase in ("calibration", "check", "ready", "break", "paused"):
             self._tell(self._chance.choice([Ready(), Ready(), Command("continue")]))
         elif self.visit.phase == "loading" and self.visit.received(Scene):
             shown = SceneLoaded(self.visit.received(Scene)[-1].url)

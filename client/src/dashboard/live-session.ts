@@ -8,7 +8,7 @@ import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status, Targe
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
 import { ENGLISH_TEXTS } from "../page/texts";
 
-const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
+const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate", b: "break" };
 
 export interface LiveEvents {
   /** The session has advanced, so the study has changed. */

@@ -1,6 +1,6 @@
 // Written by `python scripts/write_typescript.py` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 14;
+export const PROTOCOL = 15;
 
 export const STATES_PER_RECEIPT = 2;
 
@@ -44,17 +44,17 @@ export type StopMethod = "button" | "gaze" | "key" | "page" | "palm" | "select" 
 
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
-export type CommandName = "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
+export type CommandName = "break" | "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
-export type PhaseName = "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "headset_stop" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
+export type PhaseName = "break" | "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "headset_stop" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
 export type Role = "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
   moves: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["headset_stop", "free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["headset", "calibration", "reach", "check", "ready", "confirm", "paused"],
-  can_choose_body: ["waiting", "calibration", "check", "ready", "paused"],
+  awaits_ready: ["headset", "calibration", "reach", "check", "ready", "confirm", "break", "paused"],
+  can_choose_body: ["waiting", "calibration", "check", "ready", "break", "paused"],
 };
 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
@@ -180,6 +180,11 @@ export interface Recalibrate {
   type: "recalibrate";
 }
 
+/** The participant requests a break before the next trial. */
+export interface RequestBreak {
+  type: "request_break";
+}
+
 /** The origin of the reference space has changed, so the registration is invalid. */
 export interface OriginReset {
   type: "origin_reset";
@@ -239,13 +244,14 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | RequestBreak | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
 
 /** A command of the experimenter.
  *
  * `stop`: stop the robot immediately; the participant may repeat the trial. `pause`: stop the robot, and
  * start no trial before `continue`. `repeat`: a new attempt at the trial. `skip`: go to the next
- * trial. `end`: end the session. `recalibrate`: calibrate the participant again. */
+ * trial. `end`: end the session. `recalibrate`: calibrate the participant again. `break`: a break before
+ * the next trial. */
 export interface Command {
   type: "command";
   name: CommandName;
@@ -500,7 +506,8 @@ export interface Feedback {
  * ends after a second.
  * `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without an action.
  * `pause_reason`: the answer that triggered a stop rule, or empty. `latency`: recent latencies from
- * tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices. */
+ * tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices. `headset_s`: the
+ * participant's time in VR, and its limit. `break_is_due`: a break follows before the next trial. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -531,6 +538,9 @@ export interface Status {
   idle: boolean;
   latency: StageLatency[];
   streams: StreamStatus[];
+  headset_s: number;
+  headset_limit_s: number | null;
+  break_is_due: boolean;
 }
 
 /** Durations of the ticks of the last second, for watchers, and the number of skipped ticks since the start. */

@@ -79,6 +79,7 @@ export class App {
       toggleDesktop: () => this.toggleDesktop(),
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
+      rest: () => this.send({ type: "request_break" }),
       stop: () => this.stop("page"),
       back: () => this.choices.goBack(),
       answer: (value) => this.choices.answer(value),

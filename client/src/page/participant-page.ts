@@ -6,6 +6,7 @@ import {
   linkText,
   mayGoBack,
   mayRecalibrate,
+  mayRest,
   phaseLabel,
   type DisplayState,
 } from "../session/display-state";
@@ -32,6 +33,7 @@ export interface PageEvents {
   toggleDesktop(): void;
   ready(): void;
   recalibrate(): void;
+  rest(): void;
   stop(): void;
   back(): void;
   answer(value: number): void;
@@ -67,6 +69,7 @@ export class Page {
     element("stop").addEventListener("pointerdown", () => events.stop());
     element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
     element("again").addEventListener("click", () => events.recalibrate());
+    element("rest").addEventListener("click", () => events.rest());
     element("back").addEventListener("click", () => events.back());
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
@@ -173,6 +176,7 @@ export class Page {
     element("emergency").hidden = !this.commands && !(display.participates && canBeStopped(phase));
     element("ready").hidden = this.isSpectator || (!confirms && !(display.participates && awaitsReady(phase)));
     element("again").hidden = !display.participates || !mayRecalibrate(phase);
+    element("rest").hidden = !display.participates || !mayRest(phase);
     element("back").hidden = this.isSpectator || !mayGoBack(display);
     element("phase").hidden = !phase?.text || question !== null;
     this.showBody(display.body, phase);

@@ -15,12 +15,19 @@ import {
 import type { Key, Texts } from "../page/texts";
 import { segmentLabel, segmentsOf, type Segment } from "./segments";
 
-/** Values of buttons that are no answers: previous question, confirm answers, calibrate again, go on. */
+/** Values of buttons that are no answers: previous question, confirm answers, calibrate again, go on, take a break. */
 export const BACK = -1;
 export const DONE = -2;
 export const AGAIN = -3;
 export const GO_ON = -4;
-const ACTION_TEXTS: Readonly<Record<number, Key>> = { [BACK]: "back", [DONE]: "done", [AGAIN]: "again", [GO_ON]: "go_on" };
+export const REST = -5;
+const ACTION_TEXTS: Readonly<Record<number, Key>> = {
+  [BACK]: "back",
+  [DONE]: "done",
+  [AGAIN]: "again",
+  [GO_ON]: "go_on",
+  [REST]: "rest",
+};
 
 /** Pixels of the panel's canvas. */
 export const WIDTH = 1536;
@@ -46,6 +53,7 @@ const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
 const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 420, width: WIDTH - 2 * MARGIN - 300, height: 270 };
 const GO_ON_BOX: Box = { x: WIDTH / 2 - 260, y: 710, width: 520, height: 120 };
+const REST_BOX: Box = { ...GO_ON_BOX, x: 1080, width: WIDTH - MARGIN - 1080 };
 /** Maximum height of a button with text, and the share of it that the text may fill. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
@@ -73,10 +81,11 @@ type Choosing = PanelContent & { body: Body };
 /** All buttons in the order of a scan. */
 export function buttonsOf(content: PanelContent | null): Button[] {
   if (!content) return [];
-  const { question, confirms, again, goesOn } = content;
+  const { question, confirms, again, goesOn, rests } = content;
   if (question) return inDirection(questionButtons(content, question), content);
   if (confirms || again) return inDirection(actionButtons(confirms), content);
-  return [...bodiesOf(content), ...(goesOn ? [{ ...GO_ON_BOX, value: GO_ON }] : [])];
+  const actions = [...(goesOn ? [{ ...GO_ON_BOX, value: GO_ON }] : []), ...(rests ? [{ ...REST_BOX, value: REST }] : [])];
+  return [...bodiesOf(content), ...inDirection(actions, content)];
 }
 
 function inDirection(buttons: Button[], { texts }: PanelContent): Button[] {

@@ -40,6 +40,8 @@ export interface PanelContent {
   confirms: boolean;
   /** Whether the participant may be calibrated again. */
   again: boolean;
+  /** Whether the participant may request a break. */
+  rests: boolean;
   /** Whether the participant may go on. */
   goesOn: boolean;
   staged: boolean;
@@ -82,11 +84,11 @@ export function panelContent(display: DisplayState): PanelContent | null {
   const text = question ? question.text : phaseText(phase, display.input);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
-  const [confirms, again] = [confirmsAnswers(phase), mayRecalibrate(phase)];
+  const [confirms, again, rests] = [confirmsAnswers(phase), mayRecalibrate(phase), mayRest(phase)];
   const goesOn = awaitsReady(phase) && !question && !confirms;
   const counts = question ? null : secondsLeft;
   const shown = { texts, label, text, secondsLeft: counts, question, body, answered, notice };
-  return { ...shown, confirms, again, goesOn, staged, segment };
+  return { ...shown, confirms, again, rests, goesOn, staged, segment };
 }
 
 /** The number of the trial; empty outside trials. */
@@ -119,6 +121,11 @@ export function awaitsReady(phase: Phase | null): boolean {
 /** Whether the participant may be calibrated again. */
 export function mayRecalibrate(phase: Phase | null): boolean {
   return phase?.name === "check";
+}
+
+/** Whether the page offers a break. */
+export function mayRest(phase: Phase | null): boolean {
+  return phase?.name === "ready";
 }
 
 /** Whether a stop is possible now. */

@@ -4,7 +4,7 @@ import type { Outgoing } from "./connection";
 import { kindOfProfile, points, stopsBy, switchOfHand, type Switch } from "../input/input-profile";
 import { Selection } from "../input/selection";
 import { Switches } from "../input/switches";
-import { AGAIN, BACK, DONE, GO_ON } from "../panel/paint-panel";
+import { AGAIN, BACK, DONE, GO_ON, REST } from "../panel/paint-panel";
 import type { Panel } from "../panel/panel";
 import { Questionnaire } from "../panel/questionnaire";
 import { segmentsOf, type Segment } from "../panel/segments";
@@ -105,6 +105,7 @@ export class ParticipantChoices {
     else if (question) this.answer(value);
     else if (value === DONE || value === GO_ON) this.events.send({ type: "ready" });
     else if (value === AGAIN) this.events.send({ type: "recalibrate" });
+    else if (value === REST) this.events.send({ type: "request_break" });
     else if (choice) this.events.send(choice);
   }
 

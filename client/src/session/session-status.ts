@@ -28,6 +28,7 @@ export const PHASE_TEXTS: Readonly<Record<PhaseName, string>> = {
   free_after: "free movement, the robot holds still",
   questionnaire: "the participant answers questions",
   confirm: "the participant confirms their answers",
+  break: "the participant takes a break",
   paused: "paused, the robot holds still",
   finished: "the session is over",
   viewing: "an environment is shown",
@@ -59,8 +60,15 @@ export function statusTexts(status: Status): Record<string, string> {
     "watch-tracking": trackingText(status),
     "watch-latency": latencyText(status),
     "watch-streams": streamText(status),
+    "watch-headset": headsetText(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
+}
+
+/** Time in VR with its limit, in minutes. */
+function headsetText({ headset_s, headset_limit_s, break_is_due }: Status): string {
+  const limit = headset_limit_s ? ` of ${Math.round(headset_limit_s / 60)}` : "";
+  return `${Math.floor((headset_s ?? 0) / 60)}${limit} min${break_is_due ? "; a break follows" : ""}`;
 }
 
 function successText({ success, withdrawing }: Status): string {

@@ -32,6 +32,9 @@ const STATUS: Status = {
   idle: false,
   latency: [],
   streams: [],
+  headset_s: 754,
+  headset_limit_s: 1800,
+  break_is_due: false,
 };
 
 describe("how a session stands", () => {
@@ -48,6 +51,7 @@ describe("how a session stands", () => {
       "watch-tracking": "11 ms old, hand",
       "watch-latency": "–",
       "watch-streams": "–",
+      "watch-headset": "12 of 30 min",
       "watch-height": "54.5 cm",
     });
   });

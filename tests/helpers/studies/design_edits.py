@@ -210,6 +210,20 @@ EDITS = {
     "its back too": Edit(
         "mattress_back_deg = 60.0", "mattress_back_deg = 50.0", "furniture.mattress_back_deg", "60.0", "50.0"
     ),
+    "breaks": Edit(
+        "break_every_minutes = 0.0",
+        "break_every_minutes = 20.0",
+        "sessions.break_every_minutes",
+        "0.0",
+        "20.0",
+    ),
+    "time in VR": Edit(
+        "max_headset_minutes = 0.0",
+        "max_headset_minutes = 45.0",
+        "sessions.max_headset_minutes",
+        "0.0",
+        "45.0",
+    ),
     "streams out": Edit("send = false", "send = true", "streams.send", "false", "true"),
     "streams in": Edit(
         "receive = {}",

@@ -96,7 +96,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``force_guard``: the arms' contact forces and approach speed are limited; default: off.
     ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
     ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
-    ``streams``: data streams to and from other devices. ``sessions``: breaks and limits of sessions. ``headset_check``: sessions of people begin with such a check.
+    ``streams``: data streams to and from other devices. ``sessions``: breaks and limits of sessions.
+    ``headset_check``: sessions of people begin with such a check.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
     ``conditions``: a name in ``policies`` may be a condition of this table: a policy with commands of the participant.

@@ -10,7 +10,7 @@ WARNING_S = 300.0
 Minutes = Annotated[float, msgspec.Meta(ge=0, le=480)]
 
 
-class SessionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+class SessionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rules for the time in VR. With 0, a rule does not apply.
 
     ``break_every_minutes``: time in VR after which a break follows the current trial. ``max_headset_minutes``: time in

@@ -55,7 +55,8 @@ class SessionState:
     rule ends the session. ``ready_for``: the trial for which the participant last confirmed to be ready.
     ``visibility``: whether the participant sees the scene. ``away``: the text that explains why the participant is not
     in VR; ``None`` in VR. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or
-    was skipped. ``input``: the participant's input profile. ``headset_time``: the time in VR. ``now_s``: time since the session's start.
+    was skipped. ``input``: the participant's input profile. ``headset_time``: the time in VR.
+    ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan

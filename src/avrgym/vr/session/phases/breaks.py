@@ -7,7 +7,7 @@ from typing import Self
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrials
+from avrgym.vr.session.phases.kinds import BetweenTrials, InPlace
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
@@ -31,12 +31,11 @@ class Break(BetweenTrials):
         return self
 
 
-class BreakQuestionnaire(BetweenTrials):
+class BreakQuestionnaire(InPlace):
     """The participant answers the questions after a break. The answers are stored after the last one."""
 
     name = "questionnaire"
     message = Text("questionnaire")
-    awaits_ready = can_recalibrate = can_choose_body = False
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
@@ -74,9 +73,6 @@ class BreakQuestionnaire(BetweenTrials):
             return self._refuse("no_way_back")
         self.state.send(self.question)
         return self
-
-    def on_ready(self) -> Self:
-        return self._refuse("nothing_to_begin")
 
     def skip(self) -> phases.TrialStart:
         """Continue without the answers."""

@@ -1,0 +1,176 @@
+"""Sessions over several days: breaks, the limit of the time in VR, and the same order afterwards."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.study.sessions.simulation import simulate_study
+from avrgym.study.sessions.visit import StudyVisit, headset_s
+from avrgym.study.storage import database
+from avrgym.study.storage.answers import AFTER_BREAK, answer_moments
+from avrgym.study.storage.sessions import record_session_event
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Command, Problem, Question, Ready, RequestBreak, Status
+from avrgym.vr.session import events
+from avrgym.vr.session.headset_time import HeadsetTime, SessionRules
+from helpers.studies.small_studies import enrol_with_consent, make_study
+from helpers.vr.visit import Visit, plan
+
+DESIGN = {
+    "tasks": '["ScratchItch"]',
+    "robots": '["Jaco"]',
+    "trial_steps": "3",
+    "free_movement_s": "0.1",
+}
+FATIGUE = """\
+[[questionnaires]]
+name = "fatigue"
+when = "after_break"
+items = [{ id = "fatigue", text = "How tired are you?", points = 11, low = "not at all", high = "extremely" }]
+
+[goals]"""
+
+
+@pytest.fixture(autouse=True)
+def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+def study_with_rules(folder: Path, break_every_minutes: float, max_headset_minutes: float) -> Path:
+    rules = {"break_every_minutes": str(break_every_minutes), "max_headset_minutes": str(max_headset_minutes)}
+    make_study(folder, **DESIGN, **rules)
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("[goals]", FATIGUE, 1))
+    return folder
+
+
+@pytest.mark.slow
+def test_a_dry_run_goes_over_several_sessions(tmp_path: Path) -> None:
+    """The trials keep their order; each session ends after the trial in which the limit is reached."""
+    limited = study_with_rules(tmp_path / "limited", 0.1, 0.2)
+    simulate_study(limited, participants=1, seed=3, jobs=1)
+    with Store(limited) as store:
+        (name,) = (each.pseudonym for each in store.participants())
+        assert store.participant(name).state == "completed"
+        sessions = store.sessions(name)
+        completed = {each.trial: each.session for each in store.attempts(name) if each.state == "completed"}
+        assert len(sessions) > 1
+        assert {each.state for each in sessions} == {"closed"}
+        assert list(completed) == [trial.id for trial in store.trials(name)]
+        assert list(completed.values()) == sorted(completed.values())
+        assert set(completed.values()) == {each.id for each in sessions}
+        assert all(headset_s(store, each) >= 0.2 * 60.0 for each in sessions[:-1])
+        names = [each.name for each in store.events()]
+        answers = store.answers(name)
+        moments = answer_moments(store.design, answers, store.events())
+        after_breaks = [each for each in answers if moments[each.id] == AFTER_BREAK]
+        assert 0 < len(after_breaks) <= names.count("break begun") == names.count("break ended")
+        assert {each.item for each in after_breaks} == {"fatigue"}
+
+
+@pytest.mark.slow
+def test_a_limit_below_one_trial_is_refused(tmp_path: Path) -> None:
+    folder = study_with_rules(tmp_path / "study", 0.0, 0.01)
+    with pytest.raises(StudyError, match=r"max_headset_minutes = 0\.01"):
+        simulate_study(folder, participants=1, seed=3, jobs=1)
+
+
+def test_an_interrupted_session_counts_towards_the_limit(tmp_path: Path) -> None:
+    folder = study_with_rules(tmp_path / "study", 0.0, 10.0)
+    with Store(folder) as store:
+        name = enrol_with_consent(store)
+        for seconds in (100.0, 200.0):
+            with StudyVisit(store, name, take_over=True) as visit:
+                record_session_event(store, visit.stored.id, "headset used", f"seconds {seconds}")
+                visit.end = lambda: visit.storing.submit(lambda: None)  # the program dies
+        with StudyVisit(store, name, take_over=True) as visit:
+            assert visit.headset_time.total_s == 300.0
+        with StudyVisit(store, name) as visit:
+            assert visit.headset_time.total_s == 0.0  # another day
+
+
+def test_breaks_are_due_by_time_and_on_request() -> None:
+    time = HeadsetTime(SessionRules(break_every_minutes=1.0, max_headset_minutes=10.0))
+    time.add(59.0)
+    assert not time.break_is_due
+    time.request_break()
+    assert time.break_is_due
+    time.begin_break()
+    assert not time.break_is_due
+    time.add(120.0)  # in the break
+    time.end_break()
+    assert not time.break_is_due
+    assert (time.take_warning(), time.is_over) == ("", False)
+    time.add(130.0)
+    assert time.break_is_due
+    assert "5 min of 10 min" in time.take_warning()
+    assert time.take_warning() == ""
+    time.add(300.0)
+    assert time.is_over
+    assert time.take_unstored_s() == time.total_s
+    assert time.take_unstored_s() == 0.0
+
+
+@pytest.fixture
+def visit(tmp_path: Path) -> Visit:
+    """Two trials with a question after breaks."""
+    return Visit(tmp_path, replace(plan(seeds=(3, 4)), break_items=LIKERT_ITEMS[:1]))
+
+
+def test_a_break_on_request_is_followed_by_its_questions(visit: Visit) -> None:
+    visit.go_to("check")
+    visit.send(RequestBreak())
+    assert visit.phase == "break"
+    visit.tick(200)
+    assert visit.phase == "break"
+    visit.send(Ready())
+    assert visit.phase == "questionnaire"
+    asked: Question = visit.received(Question)[-1]
+    assert asked.item == "L1"
+    visit.answer(9)
+    assert "not accepted" in "".join(visit.problems)
+    visit.answer(6)
+    given = [each.answer for each in visit.observed if isinstance(each, events.AnsweredAfterBreak)]
+    assert [(each.item, each.value) for each in given] == [("L1", 6)]
+    visit.confirms = True
+    visit.run_until("trial")
+    visit.send(RequestBreak())
+    assert visit.phase == "trial"
+    assert "break before the next trial" in visit.problems[-1]
+    visit.run_until("questionnaire")
+    visit.answer(1, 2, 3, 4)
+    assert visit.phase == "break"
+    visit.leave()
+
+
+def test_no_trial_begins_after_the_limit(tmp_path: Path) -> None:
+    limited = replace(plan(seeds=(3, 4)), session_rules=SessionRules(max_headset_minutes=0.03))
+    visit = Visit(tmp_path, limited)
+    visit.go_to("questionnaire")
+    visit.tick(200)
+    visit.answer(1, 2, 3, 4)
+    assert visit.phase == "finished"
+    assert "another day" in visit.session._message.text
+    assert len(visit.session.recordings) == 1
+    visit.tick(30)
+    status: Status = visit.received(Status)[-1]
+    assert status.headset_s > 0.03 * 60.0
+    assert status.headset_limit_s == pytest.approx(1.8)
+    assert any("of 0.03 min" in each.message for each in visit.received(Problem))
+    used = [each.seconds for each in visit.observed if isinstance(each, events.HeadsetUsed)]
+    assert sum(used) == pytest.approx(visit.session._state.headset_time.total_s, abs=0.5)
+    visit.leave()
+
+
+def test_an_experimenter_requests_a_break(visit: Visit) -> None:
+    visit.go_to("questionnaire")
+    visit.send(Command("break"))
+    visit.answer(1, 2, 3, 4)
+    assert visit.phase == "break"
+    visit.send(Command("pause"), Ready())
+    visit.answer(5)
+    assert visit.phase == "paused"
+    visit.leave()
