@@ -172,5 +172,5 @@ def test_an_experimenter_requests_a_break(visit: Visit) -> None:
     assert visit.phase == "break"
     visit.send(Command("pause"), Ready())
     visit.answer(5)
-    assert visit.phase == "paused"
+    visit.run_until("paused")
     visit.leave()
