@@ -121,7 +121,7 @@ class Walk:
             measure_reach=True,
             break_items=LIKERT_ITEMS[:1],
         )
-        how: dict[str, Any] = {"observe": self._observe, "kept": self._is_stored}
+        how: dict[str, Any] = {"observe": self._observe, "is_stored": self._is_stored}
         self.visit = Visit(
             folder,
             session,
