@@ -66,6 +66,7 @@ PARTS_OF_MESSAGES = (
     messages.StreamStatus,
     messages.CommandLabel,
     messages.Target,
+    messages.Presentation,
 )
 
 CONSTANTS = {

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.presentation import Presentation
 from avrgym.study.people.input_profiles import checked_profile, set_input_profile
 from avrgym.study.people.participants import enrol
 from avrgym.study.storage.attempts import begin_attempt
@@ -15,7 +16,9 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import enrol_with_consent, make_study
 
-HEAD = InputProfile("head", dwell_s=2.0)
+HEAD = InputProfile(
+    "head", dwell_s=2.0, presentation=Presentation(text_deg=2.0, contrast="high", captions=True)
+)
 
 
 def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> None:
@@ -39,6 +42,8 @@ def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> N
         ({"method": "head", "stops": []}, "no way to stop the robot; allowed for head: gaze, experimenter"),
         ({"dwell_s": 5}, "dwell_s is 5; allowed: 0.5 to 3"),
         ({"method": "left-hand", "absent_arms": ["left"]}, "left-hand needs an arm"),
+        ({"presentation": {"text_deg": 5}}, "text_deg is 5; allowed: 1 to 3"),
+        ({"presentation": {"position": "top"}}, "Invalid enum value 'top'"),
     ],
 )
 def test_impossible_profiles_are_refused(values: dict, words: str) -> None:
@@ -60,6 +65,10 @@ def test_commands_enrol_with_a_profile_and_change_it(tmp_path: Path) -> None:
     assert (code, "scan 3 s; resting: left hand" in said) == (0, True)
     code, said = run("input", str(folder), "sub-001", "--method", "head", "--stop", "palm")
     assert (code, "cannot stop by palm" in said) == (1, True)
+    assert run("input", str(folder), "sub-001", "--text", "2", "--read-aloud", "--position", "left")[0] == 0
+    code, said = run("input", str(folder), "sub-001", "--no-read-aloud", "--captions")
+    assert (code, "text 2°; panel on the left; captions" in said) == (0, True)
     with Store(folder) as store:
         stored = store.participant("sub-001").input_profile
-    assert stored == InputProfile("one-switch", scan_s=3.0, resting_arms=("left",))
+    presentation = Presentation(text_deg=2.0, position="left", captions=True)
+    assert stored == InputProfile("one-switch", scan_s=3.0, resting_arms=("left",), presentation=presentation)

@@ -140,4 +140,4 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
     assert [result(each) for each in recordings] == ["stopped", "completed", "completed"]
     assert {each.configuration.input_profile for each in recordings} == {profile}
     values = [(record.item, record.value) for _, record in recordings[-1].topics["/answers"]]
-    assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14)]
+    assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14), (LINE.id, 15)]

@@ -8,6 +8,18 @@ const STOP_TEXTS: Readonly<Record<string, string>> = {
   experimenter: "a signal to the experimenter",
 };
 
+/** Font sizes in VR relative to those of items; see `paint-panel.ts`. */
+const FONT_SIZES = { Instructions: 84 / 72, items: 1, "other texts and buttons up to": 64 / 72 };
+const NUMBERS = ["text_deg", "panel_distance_m"] as const;
+const CHOICES = ["contrast", "position"] as const;
+const SWITCHES = ["reduced_motion", "read_aloud", "captions"] as const;
+
+/** The font sizes in VR in words, from that of items in degrees. */
+export function fontSizes(itemDeg: number): string {
+  const sizes = Object.entries(FONT_SIZES).map(([name, share]) => `${name} ${(share * itemDeg).toFixed(1)}°`);
+  return `${sizes.join(", ")}.`;
+}
+
 /** The form for a participant's input profile. */
 export class InputForm {
   private stops: Readonly<Record<string, string[]>> = {};
@@ -19,6 +31,7 @@ export class InputForm {
     methods: HTMLSelectElement,
   ) {
     this.method.append(...(methods.cloneNode(true) as HTMLSelectElement).options);
+    this.field("text_deg").addEventListener("input", () => this.showFontSizes());
     this.method.addEventListener("change", () => this.offerStops(this.stops[this.method.value]!.slice(0, 1)));
   }
 
@@ -36,6 +49,10 @@ export class InputForm {
     for (const name of ["resting_arms", "absent_arms"] as const)
       for (const box of this.boxes(name)) box.checked = profile[name].includes(box.value as "left" | "right");
     this.offerStops(profile.stops ?? []);
+    const { presentation } = profile;
+    for (const name of [...NUMBERS, ...CHOICES]) this.field(name).value = String(presentation[name]);
+    for (const name of SWITCHES) this.field(name).checked = presentation[name];
+    this.showFontSizes();
   }
 
   /** The profile in the form. */
@@ -48,7 +65,16 @@ export class InputForm {
       resting_arms: this.checked("resting_arms"),
       absent_arms: this.checked("absent_arms"),
       stops: this.checked("stops"),
+      presentation: Object.fromEntries([
+        ...NUMBERS.map((name) => [name, Number(this.field(name).value)]),
+        ...CHOICES.map((name) => [name, this.field(name).value]),
+        ...SWITCHES.map((name) => [name, this.field(name).checked]),
+      ]),
     };
+  }
+
+  private showFontSizes(): void {
+    this.form.querySelector("#font-sizes")!.textContent = fontSizes(Number(this.field("text_deg").value));
   }
 
   private offerStops(chosen: readonly string[]): void {

@@ -32,6 +32,10 @@ export type Sex = "man" | "woman";
 
 export type Arm = "left" | "right";
 
+export type Contrast = "high" | "normal";
+
+export type PanelPosition = "centre" | "left" | "right";
+
 export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
@@ -100,6 +104,23 @@ export interface CommandLabel {
 export interface Target {
   value: number;
   label: string;
+}
+
+/** How texts and sounds are presented to a participant.
+ *
+ * `text_deg` determines the size of the whole panel in VR: at 1.5° the panel is 31° wide. On the page without a
+ * headset, it determines the font size in proportion.
+ *
+ * Raises:
+ *     ValueError: for a value out of range. */
+export interface Presentation {
+  text_deg: number;
+  panel_distance_m: number;
+  contrast: Contrast;
+  position: PanelPosition;
+  reduced_motion: boolean;
+  read_aloud: boolean;
+  captions: boolean;
 }
 
 /** The first message of a connection. `token` comes from the fragment of the page's address. */
@@ -341,6 +362,7 @@ export interface Input {
   resting_arms: Arm[];
   absent_arms: Arm[];
   stops: StopWay[] | null;
+  presentation: Presentation;
 }
 
 /** The participant's `offered` targets, for experimenters. */

@@ -1,10 +1,16 @@
-import type { Arm, Input, InputMethod, StopWay } from "../generated/messages";
+import type { Arm, Input, InputMethod, Presentation, StopWay } from "../generated/messages";
 import type { InputKind } from "./input-kind";
+
+/** The default presentation of texts; see `recording/presentation.py`. */
+export const PRESENTATION: Presentation = {
+  ...{ text_deg: 1.5, panel_distance_m: 1.25, contrast: "normal", position: "centre" },
+  ...{ reduced_motion: false, read_aloud: false, captions: false },
+};
 
 /** Two controllers, until the server sends the participant's profile. */
 export const CONTROLLERS: Input = {
   ...{ type: "input", method: "controllers", dwell_s: 1, scan_s: 1.5, select_key: "Enter" },
-  ...{ resting_arms: [], absent_arms: [], stops: ["buttons"] },
+  ...{ resting_arms: [], absent_arms: [], stops: ["buttons"], presentation: PRESENTATION },
 };
 
 const ARMS: Readonly<Partial<Record<InputMethod, readonly Arm[]>>> = {

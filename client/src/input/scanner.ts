@@ -32,6 +32,11 @@ export class Scanner {
     this.dueMs = nowMs + this.intervalMs;
   }
 
+  /** Leaves the highlight where it is for at least another interval. */
+  hold(nowMs: number): void {
+    if (this.intervalMs !== null) this.dueMs = Math.max(this.dueMs, nowMs + this.intervalMs);
+  }
+
   /** Moves the highlight to the next target; after the last one to the first. */
   step(): void {
     if (this.values.length > 0) this.at = (this.at + 1) % this.values.length;

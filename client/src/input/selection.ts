@@ -5,6 +5,8 @@ import { CONTROLLERS, kindOfProfile, type Switch } from "./input-profile";
 import { Scanner } from "./scanner";
 
 const NOWHERE = { x: 0, y: 0 };
+/** With reduced motion, rings fill in this number of steps. */
+const REDUCED_STEPS = 4;
 
 /**
  * The targets that are offered to the participant, the highlighted one, and the selected one.
@@ -17,6 +19,8 @@ export class Selection {
   /** Increases with each offer. */
   number = 0;
   targets: readonly Target[] = [];
+  /** Whether the participant has moved the highlight by a switch since the targets appeared. */
+  stepped = false;
   private key = "";
   private pointed: number | null = null;
   private dwell = new Dwell(1000 * CONTROLLERS.dwell_s);
@@ -39,7 +43,9 @@ export class Selection {
 
   /** The share of the time for which the highlighted target has been looked at, 0 to 1. */
   get progress(): number {
-    return kindOfProfile(this.profile) === "dwell" ? this.dwell.progress : 0;
+    if (kindOfProfile(this.profile) !== "dwell") return 0;
+    const { progress } = this.dwell;
+    return this.profile.presentation.reduced_motion ? Math.floor(progress * REDUCED_STEPS) / REDUCED_STEPS : progress;
   }
 
   /** Changes the profile; nothing that was begun with another one goes on. */
@@ -58,6 +64,7 @@ export class Selection {
     this.targets = targets;
     this.number++;
     this.pointed = null;
+    this.stepped = false;
     this.dwell.reset();
     this.scanner.offer(this.values, nowMs);
     this.announceOffer();
@@ -84,15 +91,24 @@ export class Selection {
     this.act(this.dwell.look(onto, nowMs));
   }
 
-  /** Moves the highlight of a scan when it is due. */
-  tick(nowMs: number): void {
-    this.scanner.tick(nowMs);
+  /** Moves the highlight of a scan when it is due; `held`: it stays, as while a text is read aloud. */
+  tick(nowMs: number, held = false): void {
+    if (held) this.scanner.hold(nowMs);
+    else this.scanner.tick(nowMs);
+  }
+
+  /** The label of the highlighted target, or an empty one. */
+  get highlightedLabel(): string {
+    return this.targets.find(({ value }) => value === this.highlighted)?.label ?? "";
   }
 
   /** Presses a switch. */
   press(which: Switch, nowMs: number): void {
     if (which === "select") this.act(this.scanner.select(nowMs));
-    else this.scanner.step();
+    else {
+      this.scanner.step();
+      this.stepped = true;
+    }
   }
 
   /** The experimenter selects a target of an offer; later offers make it invalid. */

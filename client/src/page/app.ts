@@ -1,6 +1,15 @@
 import type { TrackedHands } from "../body/bare-hands";
 import { Connection, type Link } from "../session/connection";
-import { asksForCode, awaitsReady, canBeStopped, isRunning, mayRecalibrate, panelContent, type DisplayState } from "../session/display-state";
+import {
+  asksForCode,
+  awaitsReady,
+  canBeStopped,
+  isRunning,
+  mayRecalibrate,
+  panelContent,
+  spokenText,
+  type DisplayState,
+} from "../session/display-state";
 import { Countdown } from "../session/countdown";
 import { FrameIntervals } from "../session/frame-intervals";
 import { element, fetchBytes } from "./dom";
@@ -11,12 +20,14 @@ import { LatencyMeter } from "../session/latency";
 import type { Body, Input, Phase, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
 import { Notice } from "./notice";
 import { Page, isStopKey } from "./participant-page";
+import { CaptionPlane, Captions } from "../panel/caption";
 import { Panel } from "../panel/panel";
 import { kindOfProfile } from "../input/input-profile";
 import { ParticipantChoices } from "../session/participant-choices";
 import { createRoom } from "../scene/room";
 import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
 import { Senses } from "../session/haptics-and-sounds";
+import { ReadAloud } from "../session/read-aloud";
 import { XRSessionManager, vrUnavailableReason } from "../session/xr-session";
 import { RobotCommandInput } from "../input/robot-commands";
 import { StopControl } from "../input/stop-control";
@@ -52,6 +63,9 @@ export class App {
   private readonly states = new StateDecoder();
   private readonly frameIntervals = new FrameIntervals();
   private readonly senses: Senses;
+  private readonly readAloud = new ReadAloud();
+  private readonly captions = new Captions(() => this.readAloud.speaking);
+  readonly captionPlane = new CaptionPlane();
   private readonly spectator: Spectator | null;
   private readonly robotArrow: RobotArrow;
   private readonly robotPointer: RobotPointer;
@@ -114,6 +128,7 @@ export class App {
     this.senses = new Senses(
       (hand, strength, ms) => this.session.pulse(hand, strength, ms),
       () => this.allowedSenses(),
+      () => this.captions.begin(this.texts.get("caption_success"), performance.now()),
     );
     this.spectator = isSpectator ? this.watch() : null;
     this.robotArrow = new RobotArrow(this.page.view, this.page.card);
@@ -171,7 +186,7 @@ export class App {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.xrFrames.pointers.group);
+    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.xrFrames.pointers.group, this.captionPlane.mesh);
     this.view.placeSpectator(root);
   }
 
@@ -274,7 +289,7 @@ export class App {
     this.world.hands.colour(body);
   }
 
-  /** Changes how the participant selects and stops. */
+  /** Changes how the participant selects, stops, reads and hears. */
   private onInput(input: Input): void {
     this.world.absentArms = input.absent_arms;
     if (this.isSpectator) return;
@@ -282,6 +297,12 @@ export class App {
     this.stopControl.profile = input;
     this.input = kindOfProfile(input) ?? "trigger";
     this.page.showInput(input, this.input);
+    const { presentation } = input;
+    this.panel.present(presentation);
+    this.world.reducedMotion = presentation.reduced_motion;
+    this.readAloud.enable(presentation.read_aloud);
+    this.page.present(presentation);
+    this.view.fit();
   }
 
   private onPhase(phase: Phase): void {
@@ -289,7 +310,7 @@ export class App {
     this.panel.review();
     this.page.setViewing(this.isViewing);
     this.countdown.begin(phase.seconds, performance.now());
-    if (phase.name !== "questionnaire") this.choices.questionnaire.clear();
+    if (phase.name !== "questionnaire") this.choices.clearQuestion();
     if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
 
@@ -440,7 +461,15 @@ export class App {
     this.page.show({ ...display, problem: problem && (problem.page_message || problem.message) });
     this.panel.show(this.presenting ? panelContent(display) : null);
     this.choices.presenting = this.presenting;
+    this.readText(display);
     this.choices.offer(this.presenting ? this.panel.targets : staged ? this.page.targets.offered : []);
+  }
+
+  /** Reads the displayed text aloud. A text that VR does not display has a caption. */
+  private readText(display: DisplayState): void {
+    const text = this.isSpectator ? "" : spokenText(display);
+    const isRead = this.readAloud.read(text, this.texts);
+    if (isRead && this.presenting && !this.panel.visible) this.captions.begin(text, performance.now());
   }
 
   // Frames
@@ -460,6 +489,7 @@ export class App {
     } else this.updateWorld(timeMs, this.desktop.playing ? this.desktop.poses : null);
     if (this.spectator?.firstPerson && !this.presenting) this.spectator.follow(this.lastState, this.world.root);
     this.updateRobotDirection();
+    this.showCaption();
     this.view.render();
     this.sendLatency();
     this.sendFrameIntervals(timeMs);
@@ -469,7 +499,9 @@ export class App {
   private advanceSelection(): void {
     const { selection, switches } = this.choices;
     switches.poll();
-    selection.tick(performance.now());
+    selection.tick(performance.now(), this.readAloud.speaking);
+    const { highlightedLabel, number, highlighted, stepped } = selection;
+    if (highlightedLabel) this.readAloud.name(highlightedLabel, `${number} ${highlighted}`, stepped);
     if (this.presenting) return;
     if (kindOfProfile(this.choices.profile) === "dwell") selection.look(this.page.targets.pointed, performance.now());
     this.page.targets.highlight(selection.highlighted, selection.progress);
@@ -481,6 +513,14 @@ export class App {
     const head = this.presenting && isRunning(this.phase) ? this.lastPoses?.head : null;
     this.robotPointer.update(head ?? null, place);
     this.robotArrow.update(this.view.camera, this.presenting ? null : place);
+  }
+
+  private showCaption(): void {
+    const { presentation } = this.choices.profile;
+    const caption = this.captions.at(performance.now());
+    const shown = presentation.captions ? caption : "";
+    this.page.caption(shown);
+    this.captionPlane.show(shown, (this.presenting && this.lastPoses?.head) || null, presentation);
   }
 
   private sendLatency(): void {

@@ -12,14 +12,17 @@ import {
 } from "../session/display-state";
 import { element } from "./dom";
 import { setUpCodeForm } from "./code-form";
-import type { Body, ChooseBody, Input, Phase } from "../generated/messages";
+import type { Body, ChooseBody, Input, Phase, Presentation } from "../generated/messages";
 import { AnswerScale } from "./answer-scale";
 import { PageTargets } from "./page-targets";
 import type { InputKind } from "../input/input-kind";
+import { PRESENTATION } from "../input/input-profile";
 import type { Allowed } from "../session/haptics-and-sounds";
 import { ENGLISH_TEXTS, type Key, type Texts } from "./texts";
 
 const SENSES = ["haptics", "sounds"] as const;
+/** The default font size, px. */
+const TEXT_PX = 16;
 /** How to select on the page, by kind of input. */
 const BY_INPUT: Readonly<Partial<Record<InputKind, Key>>> = {
   dwell: "by_dwell",
@@ -85,6 +88,20 @@ export class Page {
     const stop = stops?.includes("experimenter") ? this.texts.get("stop_by_experimenter") : "";
     this.text("input-help", by ? [this.texts.get(by), stop].filter(Boolean).join(" ") : "");
     element("input-help").hidden = !by;
+  }
+
+  /** Changes font size, contrast and the card's side. */
+  present({ text_deg, contrast, position }: Presentation): void {
+    document.documentElement.style.fontSize = `${(TEXT_PX * text_deg) / PRESENTATION.text_deg}px`;
+    const { classList } = document.body;
+    classList.toggle("high-contrast", contrast === "high");
+    for (const side of ["left", "right"]) classList.toggle(`card-${side}`, position === side);
+  }
+
+  /** Shows the caption of a sound; an empty text hides it. */
+  caption(text: string): void {
+    this.text("caption", text);
+    element("caption").hidden = !text;
   }
 
   /** Shows all texts in this language. */

@@ -1,6 +1,6 @@
 import { layoutBodyButtons, type BodyButton } from "./body-choice";
 import type { PanelContent } from "../session/display-state";
-import type { Body, Question } from "../generated/messages";
+import type { Body, Contrast, Question } from "../generated/messages";
 import {
   isLine,
   labelOf,
@@ -63,7 +63,18 @@ const TICKS_APART = 30;
 const NOTICE_HEIGHTS = [128, 190, 250, 310];
 const NOTICE_PADDING = 30;
 
-const COLOUR = {
+interface Palette {
+  background: string;
+  edge: string;
+  text: string;
+  quiet: string;
+  button: string;
+  hovered: string;
+  answered: string;
+  onLight: string;
+}
+
+const NORMAL: Palette = {
   background: "#0f2a31",
   edge: "#4f7f89",
   text: "#f5f8f7",
@@ -73,6 +84,20 @@ const COLOUR = {
   answered: "#ffd36b",
   onLight: "#0f2a31",
 };
+/** White, yellow and cyan on black: the contrast ratio of each text is at least 13:1. */
+const HIGH: Palette = {
+  background: "#000000",
+  edge: "#ffffff",
+  text: "#ffffff",
+  quiet: "#ffffff",
+  button: "#000000",
+  hovered: "#ffe600",
+  answered: "#00e5ff",
+  onLight: "#000000",
+};
+const PALETTES: Readonly<Record<Contrast, Palette>> = { normal: NORMAL, high: HIGH };
+/** The palette of the present call of `paint`. */
+let palette = NORMAL;
 
 type Context = CanvasRenderingContext2D;
 type Asking = PanelContent & { question: Question };
@@ -142,7 +167,9 @@ export function paint(
   content: PanelContent,
   buttons: Button[],
   hovered: number | null,
+  contrast: Contrast = "normal",
 ): void {
+  palette = PALETTES[contrast];
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
   context.direction = isRightToLeft(content.texts) ? "rtl" : "ltr";
@@ -156,6 +183,16 @@ export function paint(
   if (content.notice) paintNotice(context, content.notice);
 }
 
+/** Paints a caption, centred on a dark plate, on a canvas of this size. */
+export function paintCaption(context: Context, text: string, contrast: Contrast, width: number, height: number): void {
+  palette = PALETTES[contrast];
+  context.clearRect(0, 0, width, height);
+  roundedBox(context, { x: 4, y: 4, width: width - 8, height: height - 8 }, 40);
+  context.fillStyle = palette.background;
+  context.fill();
+  paintLines(context, text, padded({ x: 0, y: 16, width, height: height - 32 }), STATEMENT);
+}
+
 function asks(content: PanelContent): content is Asking {
   return content.question !== null;
 }
@@ -166,10 +203,10 @@ function letsChoose(content: PanelContent): content is Choosing {
 
 function paintBackground(context: Context): void {
   roundedBox(context, { x: 4, y: 4, width: WIDTH - 8, height: HEIGHT - 8 }, 56);
-  context.fillStyle = COLOUR.background;
+  context.fillStyle = palette.background;
   context.fill();
   context.lineWidth = 4;
-  context.strokeStyle = COLOUR.edge;
+  context.strokeStyle = palette.edge;
   context.stroke();
 }
 
@@ -179,7 +216,7 @@ function paintText(context: Context, { label, text, secondsLeft, goesOn }: Panel
   const bottom = (goesOn ? GO_ON_BOX.y : TEXT_BOX.y + TEXT_BOX.height) - (counting ? 240 : 0);
   paintLines(context, text, { ...TEXT_BOX, height: bottom - TEXT_BOX.y - 20 * Number(goesOn) }, INSTRUCTION);
   if (counting)
-    paintLine(context, String(secondsLeft), WIDTH / 2, bottom + 120, `600 220px ${FONT}`, COLOUR.hovered, "center");
+    paintLine(context, String(secondsLeft), WIDTH / 2, bottom + 120, `600 220px ${FONT}`, palette.hovered, "center");
 }
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
@@ -221,14 +258,14 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
   const left = Math.min(...places.map(({ x }) => x));
   const { y, height, width } = places[0]!;
   roundedBox(context, { x: left, y, width: width * places.length, height }, 24);
-  context.fillStyle = COLOUR.button;
+  context.fillStyle = palette.button;
   context.fill();
   context.lineWidth = 4;
-  context.strokeStyle = context.fillStyle = COLOUR.edge;
+  context.strokeStyle = context.fillStyle = palette.edge;
   context.stroke();
   if (width > TICKS_APART)
     for (const { x } of places) context.fillRect(x + width / 2 - 2, y + height / 4, 4, height / 2);
-  for (const [value, colour] of [[hovered, COLOUR.hovered], [answered, COLOUR.answered]] as const) {
+  for (const [value, colour] of [[hovered, palette.hovered], [answered, palette.answered]] as const) {
     const place = places.find((each) => each.value === value);
     if (!place) continue;
     context.fillStyle = colour;
@@ -262,12 +299,12 @@ function paintBodies(context: Context, content: Choosing, hovered: number | null
 }
 
 function paintBody(context: Context, button: BodyButton, hovered: boolean): void {
-  const [fill, ink] = hovered ? [COLOUR.hovered, COLOUR.onLight] : [COLOUR.button, COLOUR.text];
+  const [fill, ink] = hovered ? [palette.hovered, palette.onLight] : [palette.button, palette.text];
   roundedBox(context, button, button.height * 0.16);
   context.fillStyle = button.colour ?? fill;
   context.fill();
   context.lineWidth = button.chosen ? 14 : hovered ? 8 : 4;
-  context.strokeStyle = button.chosen ? COLOUR.answered : hovered ? COLOUR.hovered : COLOUR.edge;
+  context.strokeStyle = button.chosen ? palette.answered : hovered ? palette.hovered : palette.edge;
   context.stroke();
   const [x, y] = [button.x + button.width / 2, button.y + button.height / 2];
   paintLine(context, button.label, x, y, `600 ${Math.round(button.height * 0.4)}px ${FONT}`, ink, "center");
@@ -285,14 +322,14 @@ function paintAnchors(context: Context, { low, high }: Question, buttons: Button
     const font = `${size}px ${FONT}`;
     context.font = font;
     const lines = wrap(text, half.width, (line) => context.measureText(line).width);
-    lines.forEach((line, at) => paintLine(context, line, x, y + at * size * 1.3, font, COLOUR.quiet, align));
+    lines.forEach((line, at) => paintLine(context, line, x, y + at * size * 1.3, font, palette.quiet, align));
   }
 }
 
 function buttonColours(value: number, hovered: number | null, answered: number | null): [string, string] {
-  if (value === answered) return [COLOUR.answered, COLOUR.onLight];
-  if (value === hovered && answered === null) return [COLOUR.hovered, COLOUR.onLight];
-  return [COLOUR.button, COLOUR.text];
+  if (value === answered) return [palette.answered, palette.onLight];
+  if (value === hovered && answered === null) return [palette.hovered, palette.onLight];
+  return [palette.button, palette.text];
 }
 
 function paintButton(
@@ -306,13 +343,13 @@ function paintButton(
   context.fillStyle = fill;
   context.fill();
   context.lineWidth = 4;
-  context.strokeStyle = COLOUR.edge;
+  context.strokeStyle = palette.edge;
   context.stroke();
   paintLines(context, label, inside(button), size, ink, 600);
 }
 
 function paintLabel(context: Context, label: string): void {
-  paintLine(context, label, WIDTH / 2, 86, `${LABEL}px ${FONT}`, COLOUR.quiet, "center");
+  paintLine(context, label, WIDTH / 2, 86, `${LABEL}px ${FONT}`, palette.quiet, "center");
 }
 
 function paintNotice(context: Context, notice: string): void {
@@ -320,9 +357,9 @@ function paintNotice(context: Context, notice: string): void {
   const fits = (box: Box) => fittingSize(context, notice, padded(box), NOTICE, 600) === NOTICE;
   const box = boxes.find(fits) ?? boxes.at(-1)!;
   roundedBox(context, box, 36);
-  context.fillStyle = COLOUR.answered;
+  context.fillStyle = palette.answered;
   context.fill();
-  paintLines(context, notice, padded(box), NOTICE, COLOUR.onLight, 600);
+  paintLines(context, notice, padded(box), NOTICE, palette.onLight, 600);
 }
 
 function padded({ x, width, ...rest }: Box): Box {
@@ -356,7 +393,7 @@ function paintLines(
   text: string,
   box: Box,
   size: number,
-  colour = COLOUR.text,
+  colour = palette.text,
   weight = 400,
 ): void {
   const fitting = fittingSize(context, text, box, size, weight);

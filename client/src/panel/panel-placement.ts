@@ -7,9 +7,16 @@ export interface HalfSize {
 }
 
 const DEGREE = Math.PI / 180;
-/** Distances from the eyes, the most comfortable first, metres. */
-const DISTANCES_M = [1.25, 1.4, 1.1, 1];
-export const FARTHEST_M = Math.max(...DISTANCES_M);
+/** The preferred place: distance from the eyes, and angle to the right of straight ahead. */
+export interface PreferredPlace {
+  distance: number;
+  turn: number;
+}
+
+const PREFERRED: PreferredPlace = { distance: 1.25, turn: 0 };
+/** Distances relative to the preferred one, the most comfortable first. */
+const DISTANCES = [1, 1.12, 0.88, 0.8];
+export const FARTHEST_M = PREFERRED.distance * Math.max(...DISTANCES);
 const ELEVATIONS = [-5, 8, 20, 32].map((angle) => angle * DEGREE);
 const TURNS = [0, -15, 15, -30, 30, -45, 45, -60, 60].map((angle) => angle * DEGREE);
 /** Weight of vertical relative to horizontal eye movements. */
@@ -19,24 +26,25 @@ const MARGIN_M = 0.06;
 /** Points closer than this to the plane of the eyes are ignored. */
 const LEAST_DEPTH_M = 0.05;
 
+/** A place relative to the preferred one. */
 interface Candidate {
   distance: number;
   turn: number;
   elevation: number;
 }
 
-const CANDIDATES: Candidate[] = DISTANCES_M.flatMap((distance) =>
+const CANDIDATES: Candidate[] = DISTANCES.flatMap((distance) =>
   ELEVATIONS.flatMap((elevation) => TURNS.map((turn) => ({ distance, turn, elevation }))),
 ).sort((a, b) => effort(a) - effort(b));
 
 function effort({ distance, turn, elevation }: Candidate): number {
-  return Math.abs(turn) + UP_COSTS * Math.abs(elevation - ELEVATIONS[0]!) + 0.01 * DISTANCES_M.indexOf(distance);
+  return Math.abs(turn) + UP_COSTS * Math.abs(elevation - ELEVATIONS[0]!) + 0.01 * DISTANCES.indexOf(distance);
 }
 
 /**
  * The middle of a free place for a panel that faces the eyes, without obstacles before, in or close behind it.
  *
- * The place is as close to straight ahead as possible; if none is free, it is that with the fewest obstacles.
+ * The place is as close to the preferred one as possible; if none is free, it is that with the fewest obstacles.
  * `forward` is horizontal; `points` are x, y, z of a dense sample of the surrounding surfaces. `reclineRad`: angle by
  * which the participant leans back. It raises all places, so that people in bed see the panel in front of them.
  */
@@ -46,9 +54,13 @@ export function findFreePlace(
   points: Float32Array,
   half: HalfSize,
   reclineRad = 0,
+  preferred: PreferredPlace = PREFERRED,
 ): Vector3 {
-  let [best, least] = [CANDIDATES[0]!, Infinity];
-  for (const candidate of CANDIDATES) {
+  const places = CANDIDATES.map(({ distance, turn, elevation }) => ({
+    ...{ distance: distance * preferred.distance, turn: turn + preferred.turn, elevation },
+  }));
+  let [best, least] = [places[0]!, Infinity];
+  for (const candidate of places) {
     const count = countObstacles(eyes, axesOf(candidate, forward, reclineRad), candidate.distance, points, half);
     if (count < least) [best, least] = [candidate, count];
     if (least === 0) break;

@@ -1,8 +1,9 @@
 import { BufferGeometry, Mesh, MeshBasicMaterial, RingGeometry, Vector3 } from "three";
 import { CanvasPlane, OVERLAY_ORDER } from "./canvas-plane";
 import type { PanelContent } from "../session/display-state";
-import { findFreePlace, isFree } from "./panel-placement";
-import type { ChooseBody, Target } from "../generated/messages";
+import { findFreePlace, isFree, type HalfSize, type PreferredPlace } from "./panel-placement";
+import type { ChooseBody, Presentation, Target } from "../generated/messages";
+import { PRESENTATION } from "../input/input-profile";
 import { HEIGHT, WIDTH, bodiesOf, buttonLabel, buttonsOf, paint } from "./paint-panel";
 import { hitButton, type Button } from "./questionnaire";
 
@@ -21,6 +22,11 @@ export interface PanelHit {
 
 const RING_M = { outer: 0.032, inner: 0.022 };
 const RING_STEPS = 40;
+/** Minimum time between changes of the highlight: three flashes a second (WCAG 2.2, criterion 2.3.1). */
+const HIGHLIGHT_MS = 1000 / 6;
+/** Angle between straight ahead and the inner edge of a panel on the left or right. */
+const EDGE_RAD = (4 * Math.PI) / 180;
+const SIDES = { left: -1, centre: 0, right: 1 };
 
 /** The text panel in VR. It is placed in front of the participant when it appears, and then stays. */
 export class Panel {
@@ -35,6 +41,8 @@ export class Panel {
   private content: PanelContent | null = null;
   private placed = false;
   private reviewed = false;
+  private presentation = PRESENTATION;
+  private highlightedMs = -Infinity;
   private readonly origin = new Vector3();
   private readonly direction = new Vector3();
 
@@ -72,11 +80,35 @@ export class Panel {
     return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
   }
 
-  /** Highlights a button, with a ring that is full at `progress` 1. */
-  hover(value: number | null, progress: number): void {
+  /** Changes size, distance, position and contrast. */
+  present(presentation: Presentation): void {
+    if (JSON.stringify(presentation) === JSON.stringify(this.presentation)) return;
+    this.presentation = presentation;
+    this.mesh.scale.setScalar(this.scale);
+    this.unplace();
+    this.repaint();
+  }
+
+  private get scale(): number {
+    const { text_deg, panel_distance_m } = this.presentation;
+    return (text_deg * panel_distance_m) / (PRESENTATION.text_deg * PRESENTATION.panel_distance_m);
+  }
+
+  private get half(): HalfSize {
+    return { x: PANEL_HALF_M.x * this.scale, y: PANEL_HALF_M.y * this.scale };
+  }
+
+  private get preferred(): PreferredPlace {
+    const { panel_distance_m: distance, position } = this.presentation;
+    return { distance, turn: SIDES[position] * (Math.atan(this.half.x / distance) + EDGE_RAD) };
+  }
+
+  /** Highlights a button, with a ring that is full at `progress` 1. A trembling ray does not make the panel flash. */
+  hover(value: number | null, progress: number, nowMs: number): void {
     this.fillRing(value, Math.round(progress * RING_STEPS));
-    if (value === this.hovered) return;
+    if (value === this.hovered || nowMs - this.highlightedMs < HIGHLIGHT_MS) return;
     this.hovered = value;
+    this.highlightedMs = nowMs;
     this.repaint();
   }
 
@@ -111,11 +143,11 @@ export class Panel {
   place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array, reclineRad = 0): void {
     if (!this.content || (this.placed && this.reviewed)) return;
     const points = surfacePoints(head);
-    const stays = this.placed && isFree(head, this.mesh.position, points, PANEL_HALF_M);
+    const stays = this.placed && isFree(head, this.mesh.position, points, this.half);
     this.placed = this.reviewed = true;
     this.mesh.visible = true;
     if (stays) return;
-    this.mesh.position.copy(findFreePlace(head, forward, points, PANEL_HALF_M, reclineRad));
+    this.mesh.position.copy(findFreePlace(head, forward, points, this.half, reclineRad, this.preferred));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }
@@ -141,6 +173,6 @@ export class Panel {
 
   private repaint(): void {
     const { content } = this;
-    if (content) this.plane.paint((context) => paint(context, content, this.buttons, this.hovered));
+    if (content) this.plane.paint((context) => paint(context, content, this.buttons, this.hovered, this.presentation.contrast));
   }
 }

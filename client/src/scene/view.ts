@@ -81,7 +81,7 @@ export class View {
   }
 
   /** Fits the canvas to its container, with the scene's centre in the part that the card leaves free. */
-  private fit(): void {
+  fit(): void {
     if (this.renderer.xr.isPresenting) return;
     const area = this.holder.getBoundingClientRect();
     const { width, height } = area;
@@ -170,6 +170,7 @@ export function freeOf(area: Rectangle, card: Rectangle): Rectangle {
   if (card.right <= left || card.left >= right || card.bottom <= top || card.top >= bottom) return { left, top, right, bottom };
   const parts = [
     { left: card.right, top, right, bottom },
+    { left, top, right: card.left, bottom },
     { left, top: card.bottom, right, bottom },
     { left, top, right, bottom: card.top },
   ];

@@ -42,6 +42,8 @@ export class World {
   private firstPerson = false;
   /** Amputated arms, which are not drawn. */
   absentArms: readonly Side[] = [];
+  /** Whether the world moves to its new pose at once. */
+  reducedMotion = false;
   private motion: Motion | null = null;
 
   constructor() {
@@ -62,10 +64,11 @@ export class World {
     else content.dispose();
   }
 
-  /** Moves the whole world linearly to another pose. */
+  /** Moves the whole world linearly to another pose, or at once with reduced motion. */
   move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
     const from = this.root.position.clone();
-    this.motion = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs: 1000 * seconds };
+    const lastsMs = this.reducedMotion ? 0 : 1000 * seconds;
+    this.motion = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs };
   }
 
   /** Adds a state; returns false if it is old or of another scene. */
@@ -159,7 +162,7 @@ export class World {
   private advance(nowMs: number): void {
     if (!this.motion) return;
     const { from, to, beginsMs, lastsMs } = this.motion;
-    const share = Math.min(Math.max((nowMs - beginsMs) / lastsMs, 0), 1);
+    const share = lastsMs > 0 ? Math.min(Math.max((nowMs - beginsMs) / lastsMs, 0), 1) : 1;
     this.root.position.lerpVectors(from, to, share);
     this.root.updateMatrixWorld();
     if (share === 1) this.motion = null;

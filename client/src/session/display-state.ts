@@ -91,6 +91,18 @@ export function panelContent(display: DisplayState): PanelContent | null {
   return { ...shown, confirms, again, rests, goesOn, staged, segment };
 }
 
+/** What is read aloud: the text, and the answers to a question. */
+export function spokenText(display: DisplayState): string {
+  const { texts, question, phase, problem, link } = display;
+  if (link !== "connected") return linkText(display);
+  if (problem) return problem;
+  if (!question) return phase ? textFor(display.input, phase.text, phase.texts_by_input, phase.page_text) : "";
+  const { text, labels, low, high, points } = question;
+  const ends = [[1, low], [points, high]] as const;
+  const answers = labels.length > 0 ? labels : ends.map(([value, meaning]) => texts.get("anchor", { value, meaning }));
+  return [text, ...answers].join("\n");
+}
+
 /** The number of the trial; empty outside trials. */
 export function phaseLabel(phase: Phase | null, texts: Texts): string {
   if (!phase || phase.trial < 1) return "";

@@ -12,7 +12,7 @@ export interface Allowed {
   sounds: boolean;
 }
 
-/** Haptic feedback when a touch begins, and a sound when the robot succeeds. */
+/** Haptic feedback when a touch begins, and a sound when the robot succeeds. `chimes` is called with each sound. */
 export class Senses {
   private readonly touched = { left: false, right: false };
   private audio: AudioContext | null = null;
@@ -20,6 +20,7 @@ export class Senses {
   constructor(
     private readonly pulse: (hand: Hand, strength: number, ms: number) => void,
     private readonly allowed: () => Allowed,
+    private readonly chimes: () => void = () => undefined,
   ) {}
 
   /** Enables audio; browsers require a call in the handler of a user action. */
@@ -33,7 +34,9 @@ export class Senses {
     const { haptics, sounds } = this.allowed();
     this.feel("left", feedback.left_touched, haptics);
     this.feel("right", feedback.right_touched, haptics);
-    if (sounds && feedback.events > 0) this.chime();
+    if (!sounds || feedback.events === 0) return;
+    this.chimes();
+    this.chime();
   }
 
   private feel(hand: Hand, touched: boolean, haptics: boolean): void {

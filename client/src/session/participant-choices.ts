@@ -62,6 +62,12 @@ export class ParticipantChoices {
     this.segment = null;
   }
 
+  /** The questionnaire is over, or not visible. */
+  clearQuestion(): void {
+    this.questionnaire.clear();
+    this.segment = null;
+  }
+
   /** Offers what panel or page show now. */
   offer(targets: readonly Target[]): void {
     const { phase, questionnaire, segment } = this;

@@ -44,7 +44,7 @@ export class XRFrameHandler {
     if (panel.visible) this.placePanel(frame.getViewerPose(space));
     if (panel.buttons.length > 0) this.point(frame, space);
     else this.pointers.hide();
-    panel.hover(selection.highlighted, selection.progress);
+    panel.hover(selection.highlighted, selection.progress, performance.now());
   }
 
   /** Feeds rays or the head's direction to the selection. */

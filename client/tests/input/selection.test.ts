@@ -200,3 +200,31 @@ describe("a profile", () => {
     expect(stopMethodOf(profile({ method: "left-hand" }))).toBeNull();
   });
 });
+
+describe("a selection while a text is read aloud", () => {
+  it("does not move the highlight, and then moves it after an interval", () => {
+    const { selection } = offered("one-switch");
+    for (let ms = 0; ms <= 9000; ms += 20) selection.tick(ms, true);
+    expect(selection.highlighted).toBe(7);
+    selection.tick(9000 + 1000 * SCAN_S - 100);
+    expect(selection.highlighted).toBe(7);
+    selection.tick(9000 + 1000 * SCAN_S);
+    expect(selection.highlighted).toBe(-1);
+  });
+});
+
+describe("reduced motion", () => {
+  it("fills a ring in steps, and selects after the same time", () => {
+    const { selection, selected } = offered("head");
+    const { presentation } = selection.profile;
+    selection.change({ ...selection.profile, presentation: { ...presentation, reduced_motion: true } }, 0);
+    selection.look(null, 0);
+    const shares = new Set<number>();
+    for (let ms = 0; selected.length === 0 && ms < 2000; ms += 10) {
+      selection.look(7, ms);
+      shares.add(selection.progress);
+    }
+    expect([...shares]).toEqual([0, 0.25, 0.5, 0.75]);
+    expect(selected).toEqual([7]);
+  });
+});

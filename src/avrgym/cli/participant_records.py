@@ -261,12 +261,25 @@ def change_input(
     stop: Annotated[
         list[str] | None, typer.Option(help=f"How they stop: {', '.join(STOP_WAYS)}; repeatable.")
     ] = None,
+    text: Annotated[
+        float | None, typer.Option("--text", help="Font size of items in VR, degrees: 1 to 3.")
+    ] = None,
+    panel_distance: Annotated[
+        float | None, typer.Option("--panel-distance", help="From the eyes, metres: 0.75 to 2.")
+    ] = None,
+    contrast: Annotated[str | None, typer.Option(help="normal or high.")] = None,
+    position: Annotated[str | None, typer.Option(help="Of the panel: left, centre or right.")] = None,
+    reduced_motion: Annotated[bool | None, typer.Option(help="Scene and dwell ring move in steps.")] = None,
+    read_aloud: Annotated[bool | None, typer.Option(help="Read texts aloud.")] = None,
+    captions: Annotated[bool | None, typer.Option(help="Show a caption for each sound.")] = None,
 ) -> None:
-    """Show or change how a participant selects and stops.
+    """Show or change how a participant selects, stops, reads and hears.
 
     Options that are not given keep their values. A new method has its own default stop. During a session, use the
     dashboard instead.
     """
+    import msgspec
+
     from avrgym.recording.input_profile import CONTROLLERS
     from avrgym.study.people.input_profiles import checked_profile, set_input_profile
     from avrgym.study.storage.store import Store
@@ -280,9 +293,21 @@ def change_input(
         "absent_arms": absent_arm,
         "stops": stop,
     }
-    given = {name: value for name, value in options.items() if value is not None}
+    presentation = {
+        "text_deg": text,
+        "panel_distance_m": panel_distance,
+        "contrast": contrast,
+        "position": position,
+        "reduced_motion": reduced_motion,
+        "read_aloud": read_aloud,
+        "captions": captions,
+    }
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    presented = {name: value for name, value in presentation.items() if value is not None}
     with report_errors(), Store(folder) as store:
         before = store.participant(participant).input_profile or CONTROLLERS
+        if presented:
+            given["presentation"] = msgspec.structs.asdict(before.presentation) | presented
         known = {name: getattr(before, name) for name in before.__struct_fields__}
         if method is not None and method != before.method:
             known["stops"] = None

@@ -1,4 +1,4 @@
-"""Input profiles: the body functions with which a participant selects and stops.
+"""Input profiles: the body functions with which a participant selects and stops, and the presentation of texts.
 
 A method determines how a target is highlighted and selected. With ``head``, the participant looks at a target until its
 ring is full (dwell). With ``one-switch``, the highlight moves by itself, and the switch selects (automatic scanning).
@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from avrgym.commands.input_names import InputMethod, StopWay
 from avrgym.models.body_names import PART_LABELS, Part
+from avrgym.recording.presentation import Presentation
 
 Arm = Literal["left", "right"]
 ARMS: tuple[Arm, ...] = get_args(Arm)
@@ -47,7 +48,7 @@ class InputProfileError(ValueError):
 
 
 class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How a participant selects and stops. The defaults are two controllers.
+    """How a participant selects, stops, reads and hears. The defaults are two controllers.
 
     Raises:
         InputProfileError: for a value out of range, a profile without a way to stop, or contradictory arms.
@@ -73,6 +74,9 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[StopWay, ...] | None,
         Meta(description="How the participant stops the robot; default: by method."),
     ] = None
+    presentation: Annotated[Presentation, Meta(description="How the participant reads and hears texts.")] = (
+        Presentation()
+    )
 
     def __post_init__(self) -> None:
         for name, (low, high) in RANGES.items():
@@ -129,7 +133,8 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
         named = [f"{word}: {PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
         stops = "stop by " + ", ".join(self.stop_ways)
-        return "; ".join(filter(None, [self.method, settings.get(self.method, ""), *named, stops]))
+        parts = [self.method, settings.get(self.method, ""), *named, stops, self.presentation.describe()]
+        return "; ".join(filter(None, parts))
 
 
 CONTROLLERS = InputProfile()

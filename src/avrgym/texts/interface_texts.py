@@ -39,6 +39,7 @@ OPTIONAL_PAGE_KEYS = (
     "by_scan",
     "by_step",
     "by_remote",
+    "caption_success",
 )
 OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one")
 """Optional keys under ``page`` and ``session``. Their default is the English text."""

@@ -20,6 +20,9 @@ from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
 from avrgym.recording.input_profile import Arm as Arm
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.presentation import Contrast as Contrast
+from avrgym.recording.presentation import PanelPosition as PanelPosition
+from avrgym.recording.presentation import Presentation as Presentation
 
 PROTOCOL = 15
 
