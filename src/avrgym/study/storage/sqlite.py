@@ -5,6 +5,7 @@ import shutil
 import sqlite3
 import time
 from contextlib import closing, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,21 @@ LOCK_TIMEOUT_S = 60
 """Maximum time to wait for the write lock, in seconds."""
 _LOG = "-wal"
 _PRAGMAS = ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON")
+_COMPILED: dict[Any, Any] = {}
+"""Compiled statements. All databases of the process share them and one SQL dialect."""
 
 
 def make_engine(path: Path) -> sa.Engine:
     """An SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
-    engine = sa.create_engine(
-        sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": LOCK_TIMEOUT_S}
+    template = _template()
+    pool = sa.QueuePool(
+        lambda: sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, check_same_thread=False),
+        dialect=template.dialect,
     )
+    engine = sa.Engine(pool, template.dialect, sa.URL.create("sqlite", database=str(path)))
+    engine.update_execution_options(compiled_cache=_COMPILED)
 
     @listens_for(engine, "connect")
     def set_up(connection: Any, _record: Any) -> None:
@@ -42,6 +49,14 @@ def make_engine(path: Path) -> sa.Engine:
             connection.exec_driver_sql(f"PRAGMA busy_timeout = {round(1000.0 * options['wait_s'])}")
         connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("writes", False) else "BEGIN")
 
+    return engine
+
+
+@cache
+def _template() -> sa.Engine:
+    """An engine with an initialised SQL dialect."""
+    engine = sa.create_engine("sqlite://")
+    engine.connect().close()
     return engine
 
 
