@@ -60,13 +60,13 @@ def reach(environment: str) -> dict[str, float]:
     chain, joints = placement.arm_chain(episodes.scene), episodes.simulation.joint_positions()
     to_base = transforms.invert(*episodes.simulation.robot_base())
     pos, q = transforms.compose(*to_base, tool_pos_w, np.broadcast_to(tool_q_w, (STARTS, 4)))
-    reached_pos, reached_q = kinematics.forward(chain, joints)
+    reached_pos, reached_q = kinematics.forward_kinematics(chain, joints)
     off_rad = transforms.to_rotation_vector(transforms.multiply(reached_q, transforms.conjugate(q)))
     start = (_length(reached_pos - pos) < 0.005) & (_length(off_rad) < 0.05)
     goals = []
     for goal in range(goal_pos_w.shape[1]):
         pos, q = transforms.compose(*to_base, goal_pos_w[:, goal], goal_q_w[:, goal])
-        found = kinematics.solve(chain, pos, q, joints, iterations=GOAL_ITERATIONS)
+        found = kinematics.inverse_kinematics(chain, pos, q, joints, iterations=GOAL_ITERATIONS)
         goals.append(
             (found.position_error_m < GOAL_ACCURACY_M) & (found.rotation_error_rad < GOAL_ACCURACY_RAD)
         )

@@ -58,11 +58,13 @@ WAYS: Mapping[str, Callable[[Person, Pose], FloatArray]] = {
 
 def head_of(person: Person, angles_rad: FloatArray) -> Pose:
     """Where the head's centre is with these angles (6,) of waist and head."""
-    rise_m = PROPORTIONS[person.sex].head_centre_rise * _scale(person)
+    height_offset_m = PROPORTIONS[person.sex].head_centre_offset_z * _scale(person)
     torso = from_euler_xyz(*angles_rad[:3])
     head = torso @ from_euler_xyz(*angles_rad[3:])
-    neck_m = person.torso_height_m - PROPORTIONS[person.sex].waist_rise * _scale(person) - rise_m
-    return Pose(_waist_w(person) + neck_m * torso[:, 2] + rise_m * head[:, 2], transforms.from_matrix(head))
+    neck_m = person.torso_height_m - PROPORTIONS[person.sex].waist_offset_z * _scale(person) - height_offset_m
+    return Pose(
+        _waist_w(person) + neck_m * torso[:, 2] + height_offset_m * head[:, 2], transforms.from_matrix(head)
+    )
 
 
 def _scale(person: Person) -> float:
@@ -71,7 +73,7 @@ def _scale(person: Person) -> float:
 
 def _waist_w(person: Person) -> FloatArray:
     hips_w, _ = hips_frame(person, SEATED)
-    return np.add(hips_w, [0.0, 0.0, PROPORTIONS[person.sex].waist_rise * _scale(person)])
+    return np.add(hips_w, [0.0, 0.0, PROPORTIONS[person.sex].waist_offset_z * _scale(person)])
 
 
 def people_in_poses(rng: np.random.Generator, count: int = POSES) -> list[tuple[Person, Pose]]:

@@ -112,7 +112,7 @@ class Wardrobe:
         p = PROPORTIONS[self._sex]
         beside = COLLAR_M - np.hypot(x, np.where(y < 0.0, 0.8, 1.0) * y)
         above = np.minimum(
-            beside, z - (p.chest_rise + p.shoulder_rise + 0.046) - np.where(y < 0.0, 0.42, 0.8) * y
+            beside, z - (p.chest_offset_z + p.shoulder_offset_z + 0.046) - np.where(y < 0.0, 0.42, 0.8) * y
         )
         above = np.where(self._weight(surface, "arm", "hand") > 0.3, -1.0, above)
         return np.where(self._weight(surface, "head") > 0.35, 1.0, above)
@@ -201,7 +201,7 @@ class Wardrobe:
 
     def _without_ears(self, scalp: Surface, thickness_m: FloatArray) -> Surface:
         """Shifted outwards; what stands off the head, as ears do, is smoothed away below."""
-        middle = self._pos["head"] + [0.0, 0.0, PROPORTIONS[self._sex].head_centre_rise]
+        middle = self._pos["head"] + [0.0, 0.0, PROPORTIONS[self._sex].head_centre_offset_z]
         outward = scalp.vertices - middle
         even = smooth(scalp, 25).vertices - middle
         x, y, z = self._local(scalp, "head").T

@@ -15,7 +15,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.envs.benchmark import CAMERA_SIZES_PX, measure_cameras
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.models.cameras import KINDS, MAX_DEPTH_M, SCENE, SEGMENTATION_LABELS, WRIST, CameraSpec
+from avrgym.models.cameras import (
+    IMAGE_KINDS,
+    MAX_DEPTH_M,
+    SCENE_CAMERA,
+    SEGMENTATION_LABELS,
+    WRIST_CAMERA,
+    CameraSpec,
+)
 from avrgym.models.robot import CameraMount
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.validation import check_robot
@@ -25,7 +32,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 
 FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingPR2-v1"
 needs_graphics = pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
-EVERY_KIND = [CameraSpec(name, 80, 64, KINDS) for name in (WRIST, SCENE)]
+EVERY_KIND = [CameraSpec(name, 80, 64, IMAGE_KINDS) for name in (WRIST_CAMERA, SCENE_CAMERA)]
 
 
 def cameras_of(environment: str) -> list[CameraSpec]:
@@ -51,7 +58,7 @@ def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):
             action = plain.action_space.sample()
             expected, observed = plain.step(action)[0], seeing.step(action)[0]
     assert isinstance(observed, dict)
-    seen = np.unique(observed[f"{SCENE}_segmentation"])
+    seen = np.unique(observed[f"{SCENE_CAMERA}_segmentation"])
     assert {"person", "robot", "furniture"} <= {SEGMENTATION_LABELS[number] for number in seen}
     seeing.close()
 
@@ -102,7 +109,7 @@ def test_cloth_is_drawn_where_it_is_simulated():
     episodes = Episodes("avrgym/DressingJaco-v1", 1, people="revised", num_threads=1)
     episodes.reset(np.arange(1), [np.random.default_rng(0)])
     episodes.step(np.zeros((1, episodes.action_size)))
-    episodes.images([CameraSpec(SCENE)])
+    episodes.images([CameraSpec(SCENE_CAMERA)])
     (model,) = episodes._images._models.values()  # pyright: ignore
     cloth_w = episodes.state().cloth_pos_w
     assert cloth_w is not None
@@ -113,13 +120,13 @@ def test_cloth_is_drawn_where_it_is_simulated():
 def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
     episodes = Episodes(FEEDING, 2, people="revised", num_threads=1)
     episodes.reset(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
-    camera = CameraSpec(WRIST, 320, 240, ("depth", "segmentation"))
+    camera = CameraSpec(WRIST_CAMERA, 320, 240, ("depth", "segmentation"))
     images = episodes.images([camera])
     for world in range(2):
         depth, labels = images["wrist_depth"][world], images["wrist_segmentation"][world]
         model = episodes._images._models[episodes.person_in(world).sex]  # pyright: ignore
         model.show(episodes, world, episodes.person_in(world))
-        data, number = model._data, model.model.camera(WRIST).id
+        data, number = model._data, model.model.camera(WRIST_CAMERA).id
         food_w = episodes.state().particle_pos_w[world]
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]
         food = depth[labels == SEGMENTATION_LABELS.index("particles")]
@@ -207,6 +214,6 @@ def test_states_alone_load_no_renderer():
 def test_the_benchmark_has_a_row_for_each_kind_and_size():
     rows = measure_cameras(FEEDING, frames=1)
     assert {(row.kind, row.size_px) for row in rows} == {
-        (kind, f"{width} x {height}") for kind in KINDS for width, height in CAMERA_SIZES_PX
+        (kind, f"{width} x {height}") for kind in IMAGE_KINDS for width, height in CAMERA_SIZES_PX
     }
     assert all(row.frames_per_second > 0.0 for row in rows)

@@ -72,7 +72,7 @@ def test_a_task_may_have_its_own_number_of_particles(monkeypatch: pytest.MonkeyP
 def test_water_may_have_another_number_of_particles(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     cup = DRINKING.scene(ROBOTS["Jaco"]).tool
     assert cup.particles is not None
-    less = replace(cup, particles=replace(cup.particles, start=cup.particles.start[:count]))
+    less = replace(cup, particles=replace(cup.particles, initial_pos=cup.particles.initial_pos[:count]))
     task = replace(
         DRINKING,
         name="Sip",
@@ -86,7 +86,7 @@ def test_a_number_of_particles_that_differs_from_the_state_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     feeding = registry.TASKS["Feeding"]
-    three = replace(SPOON, particles=replace(FOOD, start=FOOD.start[:3]))
+    three = replace(SPOON, particles=replace(FOOD, initial_pos=FOOD.initial_pos[:3]))
     wrong = replace(feeding, name="Wrong", scene=lambda robot: replace(feeding.scene(robot), tool=three))
     message = r"carries 3 particles, but the task state has 8; allowed: .*partial\(init_state, particles=3\)"
     with pytest.raises(ValueError, match=message):

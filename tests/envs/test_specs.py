@@ -78,7 +78,7 @@ def test_a_person_in_plain_values_is_that_person() -> None:
     [
         (
             {"sex": "man", "height": 1.8},
-            "a person has no height; allowed: sex, torso_height_m, joint_angles_rad",
+            "unknown field height of a person; allowed: sex, torso_height_m, joint_angles_rad",
         ),
         ({"sex": "child"}, "unknown sex 'child'; allowed: man, woman"),
         ({"torso_height_m": 2.0}, "the torso height is 2.000 m; allowed: "),

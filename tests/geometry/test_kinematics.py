@@ -69,7 +69,7 @@ def test_forward_is_that_of_mujoco(rng, feeding_scene, arm):
         data.qpos[:7] = angles[i]
         mujoco.mj_kinematics(model, data)
         pos[i], q[i] = data.body(TOOL_BODY).xpos, data.body(TOOL_BODY).xquat
-    found_pos, found_q = kinematics.forward(arm, angles)
+    found_pos, found_q = kinematics.forward_kinematics(arm, angles)
     assert_allclose(found_pos, pos, atol=1e-9)
     assert rotation_error(found_q, q).max() < 1e-9
 
@@ -78,7 +78,7 @@ def test_forward_is_that_of_mujoco_for_axes_of_any_direction(rng, any_chain):
     model, chain = any_chain
     data = mujoco.MjData(model)
     angles = rng.uniform(-4, 4, (50, 8))
-    found_pos, found_q = kinematics.forward(chain, angles)
+    found_pos, found_q = kinematics.forward_kinematics(chain, angles)
     for i in range(50):
         data.qpos = angles[i]
         mujoco.mj_kinematics(model, data)
@@ -88,7 +88,7 @@ def test_forward_is_that_of_mujoco_for_axes_of_any_direction(rng, any_chain):
 
 def test_the_tip_stays_within_reach_of_the_first_hinge(rng, any_chain):
     _, chain = any_chain
-    pos, _ = kinematics.forward(chain, rng.uniform(-4, 4, (COUNT, 8)))
+    pos, _ = kinematics.forward_kinematics(chain, rng.uniform(-4, 4, (COUNT, 8)))
     assert np.linalg.norm(pos - chain.pos[0], axis=-1).max() < kinematics.reach_m(chain)
 
 
@@ -99,7 +99,7 @@ def test_a_straight_arm_reaches_as_far_as_can_be():
 
 def test_the_end_effector_is_where_the_public_description_has_it(rng, hand):
     angles = within_ranges(rng, hand)
-    found_pos, found_q = kinematics.forward(hand, angles)
+    found_pos, found_q = kinematics.forward_kinematics(hand, angles)
     pos, q = jaco_xacro.forward(angles)
     assert_allclose(found_pos, pos, atol=1e-6)
     assert rotation_error(found_q, q).max() < 1e-6
@@ -110,8 +110,8 @@ def test_the_jacobian_is_the_derivative(rng, arm):
     _, _, jacobian = kinematics.jacobian(arm, angles)
     for joint in range(7):
         nudge = step * np.eye(7)[joint]
-        above_pos, above_q = kinematics.forward(arm, angles + nudge)
-        below_pos, below_q = kinematics.forward(arm, angles - nudge)
+        above_pos, above_q = kinematics.forward_kinematics(arm, angles + nudge)
+        below_pos, below_q = kinematics.forward_kinematics(arm, angles - nudge)
         turn = transforms.multiply(above_q, transforms.conjugate(below_q))
         assert_allclose((above_pos - below_pos) / (2 * step), jacobian[:, :3, joint], atol=1e-8)
         assert_allclose(transforms.to_rotation_vector(turn) / (2 * step), jacobian[:, 3:, joint], atol=1e-8)
@@ -136,16 +136,16 @@ def test_a_chain_needs_a_tip_that_the_base_carries():
 def test_inverse_kinematics_inverts_forward_kinematics(rng, arm):
     """From up to 0.2 rad away in every joint, near singular poses and ends of ranges as well."""
     angles = within_ranges(rng, arm)
-    pos, q = kinematics.forward(arm, angles)
-    solution = kinematics.solve(arm, pos, q, angles + rng.uniform(-0.2, 0.2, angles.shape))
+    pos, q = kinematics.forward_kinematics(arm, angles)
+    solution = kinematics.inverse_kinematics(arm, pos, q, angles + rng.uniform(-0.2, 0.2, angles.shape))
     assert np.quantile(solution.position_error_m, 0.99) < 1e-4
     assert kinematics.is_accurate(solution).all()
 
 
 def test_inverse_kinematics_without_target_rotation(rng, arm):
-    pos, _ = kinematics.forward(arm, within_ranges(rng, arm))
-    solution = kinematics.solve(arm, pos, None, np.tile(seed_pose(), (COUNT, 1)))
-    found_pos, _ = kinematics.forward(arm, solution.joint_positions)
+    pos, _ = kinematics.forward_kinematics(arm, within_ranges(rng, arm))
+    solution = kinematics.inverse_kinematics(arm, pos, None, np.tile(seed_pose(), (COUNT, 1)))
+    found_pos, _ = kinematics.forward_kinematics(arm, solution.joint_positions)
     assert np.mean(np.linalg.norm(found_pos - pos, axis=-1) < 1e-4) > 0.99
     assert_array_equal(solution.rotation_error_rad, 0.0)
 
@@ -158,23 +158,29 @@ def test_hinges_without_range_turn_freely(rng, any_chain):
     assert_array_equal(np.isinf(chain.upper), free)
     angles = np.clip(rng.uniform(3.0, 3.3, (100, 8)), chain.lower, chain.upper)
     goal = angles + np.where(free, 0.2, 0.0)
-    found = kinematics.solve(chain, *kinematics.forward(chain, goal), angles, tolerance=1e-9).joint_positions
+    found = kinematics.inverse_kinematics(
+        chain, *kinematics.forward_kinematics(chain, goal), angles, tolerance=1e-9
+    ).joint_positions
     assert (found[:, free].max(axis=0) > np.pi).all()
     wrapped = kinematics.wrap_angles(chain, found)
     assert np.abs(wrapped[:, free]).max() <= np.pi
-    assert_allclose(kinematics.forward(chain, wrapped)[0], kinematics.forward(chain, found)[0], atol=1e-12)
+    assert_allclose(
+        kinematics.forward_kinematics(chain, wrapped)[0],
+        kinematics.forward_kinematics(chain, found)[0],
+        atol=1e-12,
+    )
     assert_array_equal(wrapped[:, ~free], found[:, ~free])
 
 
 def test_a_few_iterations_follow_a_path(rng, arm):
     """A tool that moves 1 cm and turns 2° in each control step is followed within 1 mm and 0.5°."""
     angles = seed_pose() + rng.uniform(-0.3, 0.3, (64, 7))
-    pos, q = kinematics.forward(arm, angles)
+    pos, q = kinematics.forward_kinematics(arm, angles)
     direction = transforms.normalize(rng.standard_normal((64, 3)))
     for _ in range(10):
         pos = pos + 0.01 * direction
         q = transforms.multiply(transforms.from_axis_angle(direction, np.full(64, np.radians(2.0))), q)
-        solution = kinematics.solve(arm, pos, q, angles, iterations=3)
+        solution = kinematics.inverse_kinematics(arm, pos, q, angles, iterations=3)
         assert np.abs(solution.joint_positions - angles).max() < 0.3
         assert solution.position_error_m.max() < 0.001
         assert solution.rotation_error_rad.max() < np.radians(0.5)
@@ -183,14 +189,14 @@ def test_a_few_iterations_follow_a_path(rng, arm):
 
 def test_the_inverse_stays_where_it_already_is(rng, arm):
     angles = within_ranges(rng, arm, 100)
-    solution = kinematics.solve(arm, *kinematics.forward(arm, angles), angles)
+    solution = kinematics.inverse_kinematics(arm, *kinematics.forward_kinematics(arm, angles), angles)
     assert_array_equal(solution.joint_positions, angles)
 
 
 def test_reported_errors_match_the_angles(rng, arm):
-    pos, q = kinematics.forward(arm, within_ranges(rng, arm, 100))
-    solution = kinematics.solve(arm, pos, q, within_ranges(rng, arm, 100), iterations=10)
-    found_pos, found_q = kinematics.forward(arm, solution.joint_positions)
+    pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 100))
+    solution = kinematics.inverse_kinematics(arm, pos, q, within_ranges(rng, arm, 100), iterations=10)
+    found_pos, found_q = kinematics.forward_kinematics(arm, solution.joint_positions)
     assert_allclose(np.linalg.norm(found_pos - pos, axis=-1), solution.position_error_m)
     assert_allclose(transforms.angle_between(found_q, q), solution.rotation_error_rad)
 
@@ -201,8 +207,8 @@ def test_angles_stay_within_the_ranges(rng, arm):
     start = rng.uniform(-10, 10, (200, 7))
     uniforms = rng.random((200, kinematics.restart_uniforms(7)))
     for angles in (
-        kinematics.solve(arm, pos, q, start).joint_positions,
-        kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms),
+        kinematics.inverse_kinematics(arm, pos, q, start).joint_positions,
+        kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms),
     ):
         assert (angles >= arm.lower).all()
         assert (angles <= arm.upper).all()
@@ -210,12 +216,14 @@ def test_angles_stay_within_the_ranges(rng, arm):
 
 
 def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
-    pos, q = kinematics.forward(arm, within_ranges(rng, arm, 64))
+    pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 64))
     uniforms = rng.random((64, kinematics.restart_uniforms(7)))
-    together = kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms)
+    together = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     for row in range(0, 64, 5):
         only = slice(row, row + 1)
-        alone = kinematics.solve_with_restarts(arm, pos[only], q[only], seed_pose(), uniforms[only])
+        alone = kinematics.inverse_kinematics_with_restarts(
+            arm, pos[only], q[only], seed_pose(), uniforms[only]
+        )
         assert_array_equal(alone, together[only])
 
 
@@ -223,12 +231,14 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
 def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
     """More rows than a block; some do not converge."""
     count = kinematics.BLOCK_ROWS + 500
-    pos, q = kinematics.forward(arm, within_ranges(rng, arm, count))
+    pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0
     start = np.tile(seed_pose(), (count, 1))
-    together = kinematics.solve(arm, pos, q, start, iterations=12, precision=precision)
+    together = kinematics.inverse_kinematics(arm, pos, q, start, iterations=12, precision=precision)
     for rows in (slice(0, 1), slice(40, 49), slice(kinematics.BLOCK_ROWS - 9, None), slice(3, None, 97)):
-        alone = kinematics.solve(arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision)
+        alone = kinematics.inverse_kinematics(
+            arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision
+        )
         assert_array_equal(alone.joint_positions, together.joint_positions[rows])
         assert_array_equal(alone.position_error_m, together.position_error_m[rows])
         assert_array_equal(alone.rotation_error_rad, together.rotation_error_rad[rows])
@@ -236,10 +246,10 @@ def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision)
 
 def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
     angles = within_ranges(rng, arm)
-    pos, q = kinematics.forward(arm, angles)
+    pos, q = kinematics.forward_kinematics(arm, angles)
     start = angles + rng.uniform(-0.2, 0.2, angles.shape)
-    solution = kinematics.solve(arm, pos, q, start, precision=np.float32)
-    found_pos, found_q = kinematics.forward(arm, solution.joint_positions)
+    solution = kinematics.inverse_kinematics(arm, pos, q, start, precision=np.float32)
+    found_pos, found_q = kinematics.forward_kinematics(arm, solution.joint_positions)
     assert np.quantile(np.linalg.norm(found_pos - pos, axis=-1), 0.99) < 1e-4
     assert np.quantile(transforms.angle_between(found_q, q), 0.99) < 1e-3
     assert kinematics.is_accurate(solution).all()
@@ -249,17 +259,17 @@ def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
 
 
 def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.ndarray) -> np.ndarray:
-    found_pos, found_q = kinematics.forward(chain, angles)
+    found_pos, found_q = kinematics.forward_kinematics(chain, angles)
     near = np.linalg.norm(found_pos - pos, axis=-1) < kinematics.ACCURACY_M
     return near & (transforms.angle_between(found_q, q) < kinematics.ACCURACY_RAD)
 
 
 def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
-    pos, q = kinematics.forward(arm, within_ranges(rng, arm, 2 * COUNT))
-    once = kinematics.solve(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).joint_positions
+    pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 2 * COUNT))
+    once = kinematics.inverse_kinematics(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).joint_positions
     uniforms = rng.random((2 * COUNT, kinematics.restart_uniforms(7)))
-    with_restarts = kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms)
+    with_restarts = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
     assert (after | ~before).all()
     assert before.sum() < after.sum()
@@ -322,7 +332,7 @@ def test_limit_weights_by_hand():
     chain = chain_of_columns(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), 2.0)
     angles = np.array([[-2.0], [2.0], [0.0], [1.9], [-1.9], [2.1], [-50.0]])
     by_hand = [0.5, 0.5, 1.0 - 0.5**21, 0.75, 0.75, 0.001, 0.001]
-    assert_allclose(kinematics.limit_weights(chain, angles)[:, 0], by_hand, rtol=1e-9)
+    assert_allclose(kinematics.joint_limit_weights(chain, angles)[:, 0], by_hand, rtol=1e-9)
 
 
 def test_isotropy_is_a_share_and_agrees_with_the_determinant(rng, arm):
@@ -331,7 +341,7 @@ def test_isotropy_is_a_share_and_agrees_with_the_determinant(rng, arm):
     assert (found >= 0.0).all()
     assert (found <= 1.0).all()
     _, _, j = kinematics.jacobian(arm, angles)
-    square = (j * kinematics.limit_weights(arm, angles)[:, None]) @ j.swapaxes(-1, -2)
+    square = (j * kinematics.joint_limit_weights(arm, angles)[:, None]) @ j.swapaxes(-1, -2)
     by_numpy = np.linalg.det(square) ** (1 / 6) / (np.trace(square, axis1=-2, axis2=-1) / 6)
     assert_allclose(found, by_numpy, rtol=1e-6)
 

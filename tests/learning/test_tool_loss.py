@@ -33,7 +33,7 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
     )
     step = actions * scene.arm.speed_limit * CONTROL_STEP_S
     before, after = (
-        kinematics.forward(chain, rows.reshape(-1, joints))
+        kinematics.forward_kinematics(chain, rows.reshape(-1, joints))
         for rows in (joint_positions, joint_positions + step)
     )
     turn = transforms.to_rotation_vector(transforms.multiply(after[1], transforms.conjugate(before[1])))

@@ -209,5 +209,5 @@ def test_an_impossible_torso_height_names_the_range(torso_height):
 
 
 def test_joint_angles_of_a_wrong_shape_name_the_right_one():
-    with pytest.raises(ValueError, match=r"shape \(20,\), not \(6,\)"):
+    with pytest.raises(ValueError, match=r"shape \(6,\); allowed: \(20,\)"):
         Person("man", 0.6, np.zeros(6))

@@ -7,7 +7,7 @@ import pytest
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, RECLINED, SEATED, SEXES, Person, Sex
-from avrgym.models.human_shape import HEAD_PARTS, PARTS, Shape, add_appearance, shapes
+from avrgym.models.human_shape import HEAD_PARTS, SKIN_PARTS, SkinMesh, add_appearance, skin_meshes
 
 HEIGHTS_M = {"man": (0.50, 0.60, 0.70), "woman": (0.44, 0.54, 0.64)}
 PEOPLE = [(sex, height) for sex in SEXES for height in HEIGHTS_M[sex]]
@@ -15,11 +15,11 @@ NEAR_M = 0.02
 everybody = pytest.mark.parametrize(("sex", "torso_height_m"), PEOPLE)
 
 
-def drawn(sex: Sex, torso_height_m: float, *, open_mouth: bool = False) -> dict[str, Shape]:
-    return dict(shapes(Person(sex, torso_height_m), open_mouth=open_mouth))
+def drawn(sex: Sex, torso_height_m: float, *, open_mouth: bool = False) -> dict[str, SkinMesh]:
+    return dict(skin_meshes(Person(sex, torso_height_m), open_mouth=open_mouth))
 
 
-def in_body(shape: Shape, sex: Sex, torso_height_m: float, body: str) -> np.ndarray:
+def in_body(shape: SkinMesh, sex: Sex, torso_height_m: float, body: str) -> np.ndarray:
     """The vertices that mostly follow a body, in its frame."""
     pos, q = human.bind_frames(sex, torso_height_m)
     weight = np.where(shape.bodies == BODIES.index(body), shape.weights, 0.0).sum(axis=1)
@@ -66,10 +66,10 @@ def test_only_the_lower_face_moves_when_the_mouth_opens() -> None:
     mouth = ("face", "teeth", "tongue", "body")
     for sex in SEXES:
         closed, opened = (drawn(sex, 0.6, open_mouth=wide) for wide in (False, True))
-        moved = {name: np.abs(opened[name].vertices - closed[name].vertices).max() for name in PARTS}
+        moved = {name: np.abs(opened[name].vertices - closed[name].vertices).max() for name in SKIN_PARTS}
         assert moved["face"] > 0.01
         assert moved["teeth"] > 0.01
-        assert max(moved[name] for name in PARTS if name not in mouth) < 3e-3
+        assert max(moved[name] for name in SKIN_PARTS if name not in mouth) < 3e-3
         assert moved["body"] < 0.01
 
 

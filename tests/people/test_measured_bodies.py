@@ -14,7 +14,7 @@ from avrgym.models.human import (
     REFERENCE_STATURE_M,
     People,
     Person,
-    layout_of,
+    layout_of_people,
     person_model,
 )
 from avrgym.people.measured_bodies import ANSUR_II, BMI_KG_M2, sample_bodies
@@ -59,7 +59,7 @@ def test_mass_and_girths_follow_stature_and_body_mass_index(sex, stature_m, bmi)
     person = Person(sex, PROPORTIONS[sex].torso_height, stature_m=stature_m, bmi_kg_m2=bmi)
     model = person_model(person, moving=True)
     assert model.body_mass.sum() == pytest.approx(bmi * stature_m**2)
-    built, usual = layout_of(People.of([person])).proportions, PROPORTIONS[sex]
+    built, usual = layout_of_people(People.of([person])).proportions, PROPORTIONS[sex]
     heavier = bmi / (usual.mass / REFERENCE_STATURE_M[sex] ** 2)
     taller = stature_m / REFERENCE_STATURE_M[sex]
     for name, (on_bmi, on_stature) in GIRTH_EXPONENTS.items():
@@ -73,7 +73,7 @@ def test_breadths_and_depths_grow_as_in_the_source(sex):
     stature_m, torso_m = REFERENCE_STATURE_M[sex], PROPORTIONS[sex].torso_height
     usual = PROPORTIONS[sex].mass / REFERENCE_STATURE_M[sex] ** 2
     slim, heavy = (
-        layout_of(People.of([Person(sex, torso_m, stature_m=stature_m, bmi_kg_m2=bmi)])).geom_size
+        layout_of_people(People.of([Person(sex, torso_m, stature_m=stature_m, bmi_kg_m2=bmi)])).geom_size
         for bmi in (usual, 36.0)
     )
     for geom, breadth, depth in (("waist", 0.63, 0.86), ("hips", 0.45, 0.65), ("chest", 0.30, 0.63)):
@@ -86,7 +86,7 @@ def test_breadths_and_depths_grow_as_in_the_source(sex):
 def test_people_without_a_build_keep_every_bit():
     person = Person("man", 0.58)
     people = People.of([person, replace(person, stature_m=1.8, bmi_kg_m2=30.0)])
-    both, alone = layout_of(people), layout_of(People.of([person]))
+    both, alone = layout_of_people(people), layout_of_people(People.of([person]))
     for part in ("geom_size", "geom_pos", "body_pos", "site_pos"):
         for name, values in getattr(alone, part).items():
             assert_array_equal(getattr(both, part)[name][:1], values, err_msg=name)
@@ -96,7 +96,7 @@ def test_people_without_a_build_keep_every_bit():
 
 def test_the_back_keeps_its_place_and_the_belly_moves_forwards():
     slim, heavy = (Person("man", 0.6, stature_m=1.755, bmi_kg_m2=bmi) for bmi in (20.0, 38.0))
-    layouts = [layout_of(People.of([each])) for each in (slim, heavy)]
+    layouts = [layout_of_people(People.of([each])) for each in (slim, heavy)]
     backs = [each.body_pos["hips"][0, 1] + each.geom_size["chest"][0, 0] for each in layouts]
     assert backs[0] == pytest.approx(backs[1])
 
@@ -126,6 +126,6 @@ def test_capsules_and_mass_of_a_world_follow_its_person():
         mass, bodies = episodes.simulation.batch.expanded("body_mass"), [f"person/{name}" for name in BODIES]
         assert mass is not None
         rows = [episodes.simulation.model.body(name).id for name in bodies]
-        layout = layout_of(episodes.people, episodes.scene.posture)
+        layout = layout_of_people(episodes.people, episodes.scene.posture)
         expected = np.broadcast_to(layout.proportions.mass, 3)
         assert_allclose(mass[:, rows].sum(axis=1), expected)

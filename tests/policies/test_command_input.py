@@ -10,7 +10,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from avrgym.commands.preferences import CommandRules, apply_preferences
 from avrgym.commands.vocabulary import COMMAND_NAMES
-from avrgym.models.cameras import COMMAND, STATE_ENTRY
+from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies import controllers, registry
 from avrgym.policies.onnx import find_onnx
 from avrgym.policies.registry import find
@@ -32,7 +32,7 @@ class Obedient:
 
     def act(self, observation: dict[str, np.ndarray]) -> list[float]:
         """Returns the action for the latest command."""
-        return [observation[COMMAND][COMMAND_INPUT.index("ready")], 0, 0, 0, 0, 0, 0]
+        return [observation[COMMAND_ENTRY][COMMAND_INPUT.index("ready")], 0, 0, 0, 0, 0, 0]
 
 
 def episodes(*, pacing: bool) -> Episodes:
@@ -49,7 +49,7 @@ def save_network(path: Path, size: int) -> None:
     weight[COMMAND_INPUT.index("ready"), 0] = 1.0
     nodes = [
         helper.make_node("MatMul", ["observation", "zeros"], ["still"]),
-        helper.make_node("MatMul", [COMMAND, "weight"], ["moves"]),
+        helper.make_node("MatMul", [COMMAND_ENTRY, "weight"], ["moves"]),
         helper.make_node("Add", ["still", "moves"], ["action"]),
     ]
     arrays = {"zeros": np.zeros((observations, actions)), "weight": weight}
@@ -58,7 +58,7 @@ def save_network(path: Path, size: int) -> None:
         "obedient",
         [
             helper.make_tensor_value_info("observation", TensorProto.DOUBLE, ["N", observations]),
-            helper.make_tensor_value_info(COMMAND, TensorProto.DOUBLE, ["N", size]),
+            helper.make_tensor_value_info(COMMAND_ENTRY, TensorProto.DOUBLE, ["N", size]),
         ],
         [helper.make_tensor_value_info("action", TensorProto.DOUBLE, ["N", actions])],
         [numpy_helper.from_array(array, name) for name, array in arrays.items()],
@@ -80,7 +80,7 @@ def test_controllers_receive_the_latest_command(kind: str, tmp_path: Path) -> No
     (after,) = registry.controller_observations(policy, world, world.observe())
     assert isinstance(before, dict)
     assert isinstance(after, dict)
-    assert_array_equal(before[COMMAND], NO_COMMAND)
+    assert_array_equal(before[COMMAND_ENTRY], NO_COMMAND)
     assert_array_equal(after[STATE_ENTRY], before[STATE_ENTRY])
     controller = policy.make()
     assert controllers.act(controller, before, 7)[0] == 0.0

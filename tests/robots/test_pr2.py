@@ -13,7 +13,7 @@ from avrgym.robots.pr2.robot import MESHES, PR2
 from helpers.robots import pr2_urdf
 
 SIDES: tuple[Side, ...] = ("right", "left")
-MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+MIRROR_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 """How the angles of an arm mirror those of the other."""
 FLIP_Y = np.diag([1.0, -1.0, 1.0])
 HEAD_TILT_RAD = 0.35
@@ -72,7 +72,7 @@ def rotation_error(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("side", SIDES)
 def test_the_hand_is_where_the_description_has_it(rng, side, chains, models, description):
     angles = within_ranges(rng, chains[side])
-    found_pos, found_q = kinematics.forward(chains[side], angles)
+    found_pos, found_q = kinematics.forward_kinematics(chains[side], angles)
     values = dict(zip(PR2.arms[side].joints, angles.T, strict=True))
     values["torso_lift_joint"] = np.array(raised(models[side], description))
     pos, q = description.pose(PR2.arms[side].end_effector, "base_footprint", values)
@@ -111,14 +111,14 @@ def test_the_torso_is_raised_as_far_as_it_may(models, description):
 def test_right_and_left_mirror_each_other(rng, pose, chains):
     right, left = chains["right"], chains["left"]
     angles = {
-        "random": (MIRROR * (lefts := within_ranges(rng, left)), lefts),
+        "random": (MIRROR_SIGNS * (lefts := within_ranges(rng, left)), lefts),
         "seed": (PR2.arms["right"].seed_pose[None], PR2.arms["left"].seed_pose[None]),
         "holding": tuple(
             np.array([[PR2.fixed_joints[joint] for joint in PR2.arms[side].joints]]) for side in SIDES
         ),
     }[pose]
     (right_pos, right_q), (left_pos, left_q) = (
-        kinematics.forward(*pair) for pair in zip((right, left), angles, strict=True)
+        kinematics.forward_kinematics(*pair) for pair in zip((right, left), angles, strict=True)
     )
     assert_allclose(right_pos, left_pos @ FLIP_Y, atol=1e-12)
     mirrored = FLIP_Y @ transforms.to_matrix(left_q) @ FLIP_Y
@@ -225,7 +225,7 @@ def test_the_hand_reaches_all_around_from_the_seed_pose(rng, side, chains):
     pos = out * rng.uniform([0.5, 0.0, 0.7], [0.75, 0.4, 1.3], (100, 3))
     forwards = np.tile(transforms.IDENTITY_QUATERNION, (100, 1))
     start = np.tile(PR2.arms[side].seed_pose, (100, 1))
-    solution = kinematics.solve(chains[side], pos, forwards, start)
+    solution = kinematics.inverse_kinematics(chains[side], pos, forwards, start)
     assert solution.position_error_m.max() < kinematics.ACCURACY_M
     assert solution.rotation_error_rad.max() < kinematics.ACCURACY_RAD
 

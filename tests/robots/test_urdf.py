@@ -104,7 +104,7 @@ def test_a_joint_that_mimics_a_moving_one_follows_it() -> None:
 
 
 def test_a_moving_joint_that_mimics_is_refused() -> None:
-    with pytest.raises(ValueError, match="the joint 'joint_8' of the arm mimics 'joint_2'"):
+    with pytest.raises(ValueError, match="joint 'joint_8' of the arm mimics joint 'joint_2'"):
         fix_joints(build(description(mimics="joint_2")), ["joint_2", "joint_8"], {})
 
 
@@ -135,11 +135,11 @@ def test_a_joint_of_an_arm_may_be_prismatic() -> None:
     [
         (
             '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r"/>',
-            "is xacro, not URDF; .*`xacrodoc FILE.xacro",
+            "file is xacro; allowed: URDF. .*`xacrodoc FILE.xacro",
         ),
-        ('<robot><link name="$(find arm)/a"/></robot>', "is xacro, not URDF"),
+        ('<robot><link name="$(find arm)/a"/></robot>', "file is xacro; allowed: URDF"),
         ("/home/me/arm.urdf", "not XML: .*; allowed: the text of a URDF file, not its path"),
-        ("<mujoco/>", "the root element is <mujoco>; allowed: <robot>"),
+        ("<mujoco/>", "the root element of the URDF is <mujoco>; allowed: <robot>"),
         (
             description(third="floating"),
             "the joint 'joint_3' is floating; allowed: revolute, continuous, prismatic",

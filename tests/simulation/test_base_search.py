@@ -9,7 +9,7 @@ from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BaseChoice, BasePoses
 
 WORLDS = 12
-SEED_RAD = np.array([0.7, 0.5, -0.7, -1.7, 2.0, -2.0, -2.4])
+SEED_POSE_RAD = np.array([0.7, 0.5, -0.7, -1.7, 2.0, -2.0, -2.4])
 BAD_SEED_RAD = np.array([-2.2, 1.3, -3.8, -0.1, 2.0, -2.1, 2.0])
 """At the ends of ranges and turned backwards."""
 RANGE = BaseRange((-0.5, 0.0), (-0.5, 0.5), (-np.radians(30.0), np.radians(30.0)))
@@ -48,7 +48,7 @@ class Problem:
     def search(
         self,
         worlds: slice = slice(None),
-        seed_pose: np.ndarray = SEED_RAD,
+        seed_pose: np.ndarray = SEED_POSE_RAD,
         path_cost: base_search.PathCost | None = None,
     ) -> BaseChoice:
         candidates = BasePoses(self.candidates.pos_w[worlds], self.candidates.yaw_rad[worlds])
@@ -90,7 +90,7 @@ def test_each_candidate_has_three_numbers_of_its_own():
 
 def tip_in_world(base: BasePoses, joint_positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     upright = transforms.from_axis_angle([0.0, 0.0, 1.0], base.yaw_rad)
-    return transforms.compose(base.pos_w, upright, *kinematics.forward(CHAIN, joint_positions))
+    return transforms.compose(base.pos_w, upright, *kinematics.forward_kinematics(CHAIN, joint_positions))
 
 
 def test_the_arm_starts_where_it_should(problem):
@@ -113,7 +113,7 @@ def test_the_chosen_base_is_one_of_the_candidates(problem):
 def isotropy_by_numpy(joint_positions: np.ndarray) -> float:
     """Of one pose (J,)."""
     _, _, j = kinematics.jacobian(CHAIN, joint_positions[None])
-    square = (j[0] * kinematics.limit_weights(CHAIN, joint_positions[None])) @ j[0].T
+    square = (j[0] * kinematics.joint_limit_weights(CHAIN, joint_positions[None])) @ j[0].T
     return max(float(np.linalg.det(square)), 0.0) ** (1 / 6) / (np.trace(square) / 6)
 
 
@@ -128,13 +128,13 @@ def plain_score(problem: Problem, world: int, candidate: int, from_rad: np.ndarr
     assert problem.goal_q_w is not None
     start = problem.start_pos_w[world], problem.start_q_w[world]
     pos, q = pose_in_base(problem, world, candidate, *start)
-    arm = kinematics.solve(CHAIN, pos[None], q[None], from_rad[None])
+    arm = kinematics.inverse_kinematics(CHAIN, pos[None], q[None], from_rad[None])
     if not kinematics.is_accurate(arm)[0]:
         return -1, 0.0
     reached, isotropy = 0, isotropy_by_numpy(arm.joint_positions[0])
     for goal in zip(problem.goal_pos_w[world], problem.goal_q_w[world], strict=True):
         pos, q = pose_in_base(problem, world, candidate, *goal)
-        there = kinematics.solve(CHAIN, pos[None], q[None], arm.joint_positions)
+        there = kinematics.inverse_kinematics(CHAIN, pos[None], q[None], arm.joint_positions)
         if there.position_error_m[0] < 0.03 and there.rotation_error_rad[0] < np.radians(15.0):
             reached, isotropy = reached + 1, isotropy + isotropy_by_numpy(there.joint_positions[0])
     return reached, isotropy
@@ -147,7 +147,7 @@ def test_no_candidate_is_better_than_the_chosen_one(rng):
     choice = problem.search()
     for world, index in enumerate(choice.index):
         goals, isotropy = plain_score(problem, world, index, choice.joint_positions[world])
-        scores = [plain_score(problem, world, candidate, SEED_RAD) for candidate in range(20)]
+        scores = [plain_score(problem, world, candidate, SEED_POSE_RAD) for candidate in range(20)]
         most_goals, most_isotropy = max(scores)
         assert goals >= most_goals
         assert most_goals >= 1
@@ -237,7 +237,7 @@ def assert_same(some: BaseChoice, among: BaseChoice, worlds: slice) -> None:
         assert_array_equal(score, getattr(among.scores, name)[worlds])
 
 
-@pytest.mark.parametrize("seed_pose", [SEED_RAD, BAD_SEED_RAD])
+@pytest.mark.parametrize("seed_pose", [SEED_POSE_RAD, BAD_SEED_RAD])
 def test_a_world_has_the_same_bits_alone_and_among_64(rng, seed_pose):
     """Whether the seed pose leads there or restarts have to."""
     problem = Problem(rng, count=64)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import human
-from avrgym.models.sleeve import AROUND, GOWN, RINGS
+from avrgym.models.sleeve import GOWN, RINGS, VERTICES_PER_RING
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
@@ -30,7 +30,9 @@ TASK = TASKS["Dressing"]
 COMFORTABLE_N = 10.0
 STILL = np.zeros((1, 7))
 HAND, WRIST, ELBOW, SHOULDER = (np.array([0.2, y, 1.0]) for y in (-0.65, -0.55, -0.3, 0.0))
-RIM = 0.09 * np.stack([(np.cos(a), 0.0, np.sin(a)) for a in np.arange(AROUND) * 2.0 * np.pi / AROUND])
+RIM = 0.09 * np.stack(
+    [(np.cos(a), 0.0, np.sin(a)) for a in np.arange(VERTICES_PER_RING) * 2.0 * np.pi / VERTICES_PER_RING]
+)
 
 
 def state(opening_w: np.ndarray, turn: int = 1) -> State:
@@ -102,7 +104,7 @@ def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
     start = episodes.state()
     for _ in range(30):
         step = episodes.step(np.zeros((1, 7)))
-    state, before = episodes.state(), start.cloth_pos_w[0, :AROUND]
+    state, before = episodes.state(), start.cloth_pos_w[0, :VERTICES_PER_RING]
     held = list(GOWN.held)
     assert_allclose(state.cloth_pos_w[0, held], before[held], atol=0.01)
     assert state.cloth_pos_w[0, :, 2].mean() < start.cloth_pos_w[0, :, 2].mean() - 0.02
@@ -136,7 +138,10 @@ def test_experts_dress_the_whole_arm_gently(robot: str, people: str) -> None:
 
 
 def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
-    path, rim = arm_path(state), state.cloth_pos_w[:, ring * AROUND : (ring + 1) * AROUND]
+    path, rim = (
+        arm_path(state),
+        state.cloth_pos_w[:, ring * VERTICES_PER_RING : (ring + 1) * VERTICES_PER_RING],
+    )
     ahead = ((rim.mean(axis=1)[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
     inside = np.clip(ahead, 0.0, path.length_m)
     foot = path.begin_w + inside[..., None] * path.along_w

@@ -302,10 +302,10 @@ def test_the_observation_has_the_documented_order():
 
 
 def test_water_begins_inside_the_cup_without_overlap():
-    assert WATER.start.shape == (64, 3)
-    apart = np.linalg.norm(WATER.start[:, None] - WATER.start, axis=-1)[~np.eye(64, dtype=bool)]
+    assert WATER.initial_pos.shape == (64, 3)
+    apart = np.linalg.norm(WATER.initial_pos[:, None] - WATER.initial_pos, axis=-1)[~np.eye(64, dtype=bool)]
     assert apart.min() >= 2.0 * WATER.radius_m
-    for x, y, z in WATER.start:
+    for x, y, z in WATER.initial_pos:
         assert np.hypot(x - CUP_SHAPE.axis_x_m, y) + WATER.radius_m < CUP_SHAPE.inner_radius_m(z)
         assert -CUP_SHAPE.height_m < z - WATER.radius_m < 0.0
     assert (CUP_SHAPE.rim_radius_m, CUP_SHAPE.height_m) == (0.047, 0.125)

@@ -187,9 +187,9 @@ def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particle
 @pytest.mark.parametrize(
     ("task", "values", "problem"),
     [
-        ("Feeding", {"particles": 9}, "a medium spoon has room for 1 to 8"),
-        ("Feeding", {"tool": "mug"}, "the spoons are small, medium, large"),
-        ("Drinking", {"particles": 1000}, "a cup has room for 1 to"),
+        ("Feeding", {"particles": 9}, "particles is 9; allowed on a medium spoon: 1 to 8"),
+        ("Feeding", {"tool": "mug"}, "unknown size of spoon .mug.; allowed: small, medium, large"),
+        ("Drinking", {"particles": 1000}, "allowed for a cup: 1 to"),
         ("BedBathing", {"particles": 5}, "BedBathing has no setting particles"),
     ],
 )

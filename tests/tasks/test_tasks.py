@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Robot, UnsuitableError
+from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import constants
@@ -109,11 +109,11 @@ def test_ids_that_coincide_are_refused():
 def test_a_task_is_done_by_the_robots_that_suit_it():
     def by_jaco(robot: Robot) -> SceneConfig:
         if robot.name != "Jaco":
-            raise UnsuitableError(f"{robot.name} is too large")
+            raise UnsuitableRobotError(f"{robot.name} is too large")
         return FEEDING.scene(robot)
 
     def by_none(robot: Robot) -> SceneConfig:
-        raise UnsuitableError(f"{robot.name} has no hook")
+        raise UnsuitableRobotError(f"{robot.name} has no hook")
 
     registry = Registry(ROBOTS)
     registry.add(replace(FEEDING, name="Small", scene=by_jaco))

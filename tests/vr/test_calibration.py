@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrgym.geometry import transforms
-from avrgym.models.furniture.real_furniture import RealFurniture, real_furniture
+from avrgym.models.furniture.real_furniture import RealFurniture, change_furniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, register
@@ -17,35 +17,37 @@ ROOM = Registration(np.array([0.4, -0.2, 0.0]), 2.0)
 VIRTUAL = RealFurniture()
 
 
-def headset(person: Person, posture: Posture, rise_m: float = 0.0) -> XRPose:
-    """The headset of somebody who rests on furniture higher than ours by ``rise_m``, in a room of their own."""
+def headset(person: Person, posture: Posture, height_offset_m: float = 0.0) -> XRPose:
+    """The headset of somebody who rests on furniture higher than ours by ``height_offset_m``, in a room of their
+    own."""
     _, axes_w = hips_frame(person, posture)
-    centre_w = resting_head_centre(person, posture) + np.array([0.0, 0.0, rise_m])
+    centre_w = resting_head_centre(person, posture) + np.array([0.0, 0.0, height_offset_m])
     return headset_from_head(ROOM, Pose(centre_w, transforms.from_matrix(axes_w)))
 
 
 @pytest.mark.parametrize("posture", POSTURES)
 @pytest.mark.parametrize("sex", SEXES)
-@pytest.mark.parametrize("rise_m", [-0.1, 0.0, 0.07])
+@pytest.mark.parametrize("height_offset_m", [-0.1, 0.0, 0.07])
 def test_the_measure_is_the_torso_height_whatever_they_rest_on(
-    sex: Sex, posture: Posture, rise_m: float
+    sex: Sex, posture: Posture, height_offset_m: float
 ) -> None:
     real = RealFurniture(
-        seat_height_m=VIRTUAL.seat_height_m + rise_m, mattress_height_m=VIRTUAL.mattress_height_m + rise_m
+        seat_height_m=VIRTUAL.seat_height_m + height_offset_m,
+        mattress_height_m=VIRTUAL.mattress_height_m + height_offset_m,
     )
     for height_m in (0.45, 0.54, 0.70):
-        head = headset(Person(sex, height_m), posture, rise_m)
+        head = headset(Person(sex, height_m), posture, height_offset_m)
         assert measure_torso_height(sex, posture, head, real) == pytest.approx(height_m)
 
 
 @pytest.mark.parametrize("posture", POSTURES)
-@pytest.mark.parametrize("rise_m", [-0.1, 0.0, 0.07])
-def test_registering_somebody_at_rest_gives_no_angles(posture: Posture, rise_m: float) -> None:
+@pytest.mark.parametrize("height_offset_m", [-0.1, 0.0, 0.07])
+def test_registering_somebody_at_rest_gives_no_angles(posture: Posture, height_offset_m: float) -> None:
     person = Person("man", 0.57)
-    head = headset(person, posture, rise_m)
+    head = headset(person, posture, height_offset_m)
     registration = register(head, resting_head_centre(person, posture))
     np.testing.assert_allclose(torso_angles(person, head_pose(registration, head), posture), 0.0, atol=1e-6)
-    assert registration.origin_w[2] == pytest.approx(-rise_m)
+    assert registration.origin_w[2] == pytest.approx(-height_offset_m)
 
 
 @pytest.mark.parametrize("posture", POSTURES)
@@ -74,15 +76,15 @@ def test_furniture_that_nobody_sits_on_is_refused() -> None:
     with pytest.raises(ValueError, match="mattress_height_m is nan"):
         RealFurniture(mattress_height_m=float("nan"))
     with pytest.raises(ValueError, match="seat_back_deg is 20; allowed: 45 to 100"):
-        real_furniture(VIRTUAL, seat_back_deg=20.0, seat_depth_m=None)
+        change_furniture(VIRTUAL, seat_back_deg=20.0, seat_depth_m=None)
 
 
 @pytest.mark.parametrize("posture", POSTURES)
-@pytest.mark.parametrize("back_deg", [50.0, 70.0, 90.0])
-def test_who_leans_on_a_real_back_is_as_tall_as_before(posture: Posture, back_deg: float) -> None:
-    real = RealFurniture(seat_height_m=0.45, seat_back_deg=back_deg, mattress_back_deg=back_deg)
+@pytest.mark.parametrize("backrest_deg", [50.0, 70.0, 90.0])
+def test_who_leans_on_a_real_back_is_as_tall_as_before(posture: Posture, backrest_deg: float) -> None:
+    real = RealFurniture(seat_height_m=0.45, seat_back_deg=backrest_deg, mattress_back_deg=backrest_deg)
     person = Person("woman", 0.57)
-    head = headset(person, posture, real.head_rise_m(posture, person.torso_height_m))
+    head = headset(person, posture, real.head_height_offset_m(posture, person.torso_height_m))
     assert measure_torso_height("woman", posture, head, real) == pytest.approx(0.57)
 
 

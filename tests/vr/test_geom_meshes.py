@@ -16,7 +16,7 @@ LEAST_AREA, MOST_AREA = 0.97, 1.03
 MOST_OFF_M = 0.003
 TURNED_DEG = 60.0
 """How far a vertex's normal may be from that of a triangle around it."""
-SAMPLES, PLACES, NEAREST = 2000, 60_000, 24
+SAMPLES, PERSON_LOCATIONS, NEAREST = 2000, 60_000, 24
 
 
 @cache
@@ -43,7 +43,7 @@ def as_stored(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
     """How far points of one surface are from the other."""
     points, *_ = trimesh.sample.sample_surface(one, SAMPLES, seed=0)
-    places, of_face, *_ = trimesh.sample.sample_surface(other, PLACES, seed=1)
+    places, of_face, *_ = trimesh.sample.sample_surface(other, PERSON_LOCATIONS, seed=1)
     places = np.concatenate([places, other.triangles_center])
     of_face = np.concatenate([of_face, np.arange(len(other.faces))])
     _, near = cKDTree(places).query(points, k=NEAREST)

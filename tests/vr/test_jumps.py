@@ -13,7 +13,7 @@ from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
-from avrgym.vr.tracking.jumps import PARTS, RETURN_SPEED_FRACTION, VALID_AFTER_S, Limb, min_duration_s
+from avrgym.vr.tracking.jumps import BODY_PARTS, RETURN_SPEED_FRACTION, VALID_AFTER_S, Limb, min_duration_s
 from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
 
@@ -148,7 +148,7 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
     (recording,) = visit.recordings()
     events = [(event.name, event.detail) for _, event in recording.topics["/events"]]
     assert ("pose_held", "left") in events
-    assert not {("pose_held", part) for part in PARTS if part != "left"} & set(events)
+    assert not {("pose_held", part) for part in BODY_PARTS if part != "left"} & set(events)
     assert all(each.applied and each.held_parts == ["left"] for each in frames(recording)[-20:])
 
 

@@ -16,7 +16,7 @@ from avrgym.vr.live_world.obstruction import OBSTRUCTED_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, State
 from avrgym.vr.tracking.body import RELAXED_RAD, BodyPose
-from avrgym.vr.tracking.jumps import PARTS
+from avrgym.vr.tracking.jumps import BODY_PARTS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 NEAR_M = 0.01
@@ -113,7 +113,7 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
 def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(free_movement_s=5.0))
     visit.tick(20)
-    assert visit.received(State)[-1].deviating_parts == list(PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(BODY_PARTS)
     visit.go_to("free_before")
     visit.tick(30)
     state = visit.received(State)[-1]
@@ -123,4 +123,4 @@ def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     )
     visit.tracking = False
     visit.tick(30)
-    assert visit.received(State)[-1].deviating_parts == list(PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(BODY_PARTS)

@@ -10,7 +10,7 @@ from msgspec.structs import replace as replace_frame
 
 from avrgym.models import human
 from avrgym.models.human import SEATED, Person
-from avrgym.models.human_shape import shapes
+from avrgym.models.human_shape import skin_meshes
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
 from avrgym.study.design.design import default_text, parse_design
@@ -121,11 +121,11 @@ def test_nobody_has_arms_that_no_adult_has() -> None:
 
 def test_drawn_arms_are_as_long_as_simulated_ones_and_nothing_else_changes() -> None:
     usual, long = Person("woman", 0.52), Person("woman", 0.52, arm_scale=1.2)
-    frames = [human.layout_of(human.People.of([person])) for person in (usual, long)]
+    frames = [human.layout_of_people(human.People.of([person])) for person in (usual, long)]
     for name in human.BODIES:
         same = np.array_equal(frames[0].body_pos[name], frames[1].body_pos[name])
         assert same == (not name.endswith(("forearm", "hand")))
-    drawn = [dict(shapes(person, open_mouth=False)) for person in (usual, long)]
+    drawn = [dict(skin_meshes(person, open_mouth=False)) for person in (usual, long)]
     widths_m = [max(np.ptp(part.vertices[:, 0]) for part in parts.values()) for parts in drawn]
     assert widths_m[1] > widths_m[0] + 0.05
 

@@ -79,8 +79,8 @@ def test_a_body_of_the_other_sex_is_measured_anew(visit: Visit) -> None:
     visit.tick(60)
     visit.send(Ready())
     visit.run_until("check")
-    rise_m = PROPORTIONS["man"].seated_hips_height - PROPORTIONS["woman"].seated_hips_height
-    assert visit.session.person.torso_height_m == pytest.approx(woman_m - rise_m, abs=0.002)
+    height_offset_m = PROPORTIONS["man"].seated_hips_height - PROPORTIONS["woman"].seated_hips_height
+    assert visit.session.person.torso_height_m == pytest.approx(woman_m - height_offset_m, abs=0.002)
 
 
 @pytest.mark.parametrize("phase", ["loading", "free_before", "trial", "questionnaire", "finished"])

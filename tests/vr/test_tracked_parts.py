@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.models.body_names import PART_LABELS, PARTS, Part
+from avrgym.models.body_names import BODY_PART_LABELS, BODY_PARTS, BodyPart
 from avrgym.models.human import SEATED_RAD
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, Impairment
@@ -28,18 +28,18 @@ from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 ROBOT = "Jaco"
 NAMES = constants.TASKS
 NEEDED = [(name, part) for name in NAMES for part in TASKS[name].tracked]
-NEEDLESS = [(name, part) for name in NAMES for part in PARTS if part not in TASKS[name].tracked]
+NEEDLESS = [(name, part) for name in NAMES for part in BODY_PARTS if part not in TASKS[name].tracked]
 FRAME_S = 1.0 / 90.0
 
 Spoil = Callable[[Tracking, Tracking], Tracking]
 
 
-def missing(*parts: Part) -> Spoil:
+def missing(*parts: BodyPart) -> Spoil:
     """Nothing is known of these parts."""
     return lambda frame, first: msgspec.structs.replace(frame, **dict.fromkeys(parts))
 
 
-def frozen(*parts: Part) -> Spoil:
+def frozen(*parts: BodyPart) -> Spoil:
     """The device repeats the pose that these parts had first."""
     return lambda frame, first: msgspec.structs.replace(
         frame, **{part: getattr(first, part) for part in parts}
@@ -93,7 +93,7 @@ def told(recording: Recording) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDED)
 def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
-    tmp_path: Path, task: str, part: Part, kind: str
+    tmp_path: Path, task: str, part: BodyPart, kind: str
 ) -> None:
     visit = visiting(tmp_path, task)
     visit.go_to("trial")
@@ -112,9 +112,9 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert visit.session.attempt is None
     assert part in visit.happened(session_events.TrackingLost)
     assert visit.happened(session_events.TrackingTimedOut) == [part]
-    assert PART_LABELS[part] in visit.problems[-1]
+    assert BODY_PART_LABELS[part] in visit.problems[-1]
     text = visit.received(Phase)[-1].text
-    assert ("tracking was lost" if part == "head" else PART_LABELS[part]) in text.lower()
+    assert ("tracking was lost" if part == "head" else BODY_PART_LABELS[part]) in text.lower()
     (recording,) = visit.recordings()
     assert ended(recording) == "interrupted"
     assert ("tracking_lost", part) in told(recording)
@@ -134,16 +134,16 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert [ended(each) for each in visit.recordings()] == ["interrupted", "completed"]
 
 
-def lost(kind: str, part: Part) -> list[Part]:
+def lost(kind: str, part: BodyPart) -> list[BodyPart]:
     """A frame without a head says nothing of the hands either."""
-    return list(PARTS) if (kind, part) == ("missing", "head") else [part]
+    return list(BODY_PARTS) if (kind, part) == ("missing", "head") else [part]
 
 
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDLESS)
 def test_a_part_that_the_task_does_not_need_ends_nothing(
-    tmp_path: Path, task: str, part: Part, kind: str
+    tmp_path: Path, task: str, part: BodyPart, kind: str
 ) -> None:
     visit = visiting(tmp_path, task, steps=15)
     visit.spoil = SPOILS[kind](part)
@@ -211,7 +211,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
     """The device sleeps, and its browser goes on counting frames."""
     asleep = visiting(tmp_path, "Feeding")
     asleep.go_to("trial")
-    asleep.spoil = frozen(*PARTS)
+    asleep.spoil = frozen(*BODY_PARTS)
     asleep.tick(120)
     assert asleep.phase == "paused"
     assert asleep.happened(session_events.TrackingTimedOut) == ["head"]
@@ -221,7 +221,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
 @pytest.mark.parametrize("task", NAMES)
 def test_whoever_takes_part_with_a_mouse_and_keeps_still_is_tracked(tmp_path: Path, task: str) -> None:
     visit = visiting(tmp_path, task, steps=15)
-    still = frozen(*PARTS)
+    still = frozen(*BODY_PARTS)
     visit.spoil = lambda frame, first: msgspec.structs.replace(
         still(frame, first), left_modality="mouse", right_modality="mouse"
     )
@@ -239,12 +239,12 @@ def pose(x_m: float) -> XRPose:
 
 
 def frame(number: int, kept: Mapping[str, XRPose | None], by_mouse: str = "") -> Tracking:
-    poses = {part: pose(1e-9 * number) for part in PARTS} | dict(kept)
+    poses = {part: pose(1e-9 * number) for part in BODY_PARTS} | dict(kept)
     modality: list[Modality] = ["mouse" if side == by_mouse else "controller" for side in ("left", "right")]
     return Tracking(number, 0.0, poses["head"], poses["left"], poses["right"], *modality)
 
 
-def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[Part, ...]:
+def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[BodyPart, ...]:
     """Which parts are stale after so many frames."""
     freshness = Freshness()
     for number in range(frames):
@@ -255,9 +255,9 @@ def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[Part, ...]:
 STALE_FRAMES = round(STALE_S / FRAME_S) + 2
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", BODY_PARTS)
 @pytest.mark.parametrize("kept", [None, pose(0.5)])
-def test_a_part_is_stale_after_0_2_s_without_a_new_pose(part: Part, kept: XRPose | None) -> None:
+def test_a_part_is_stale_after_0_2_s_without_a_new_pose(part: BodyPart, kept: XRPose | None) -> None:
     def make(number: int) -> Tracking:
         return frame(number, {part: kept} if number else {})
 
@@ -288,7 +288,7 @@ def test_no_simulated_participant_repeats_a_pose(people: str, impairment: Impair
     someone = SimulatedParticipant(draw_traits("man", 3, DISTRIBUTIONS[people], impairment), 3)
     frames = [someone.frame(0.02 * n, moving=n >= 50) for n in range(100)]
     frames += [someone.frame_from_angles(SEATED_RAD, 3.0 + 0.02 * n) for n in range(50)]
-    for part in PARTS:
+    for part in BODY_PARTS:
         assert all(getattr(a, part) != getattr(b, part) for a, b in pairwise(frames))
 
 

@@ -132,7 +132,7 @@ def serve(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, real_furniture
+    from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, change_furniture
     from avrgym.system.files import user_data_folder
     from avrgym.vr.lab_streaming.choice import stream_choice
     from avrgym.vr.server.certificate import certificate_for, lan_names
@@ -142,7 +142,7 @@ def serve(
         if body not in SEXES:
             raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
         furniture = partial(
-            real_furniture,
+            change_furniture,
             seat_height_m=seat_height,
             seat_depth_m=seat_depth,
             seat_back_deg=seat_back,
@@ -178,7 +178,7 @@ def serve(
             env or ["avrgym/FeedingJaco-v1"],
             policy,
             body,
-            furniture(REAL_AS_VIRTUAL),
+            furniture(DEFAULT_FURNITURE),
             trials,
             seed,
             workers,

@@ -13,7 +13,7 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import to_device_of
-from avrgym.models.cameras import KINDS, WRIST, CameraSpec
+from avrgym.models.cameras import IMAGE_KINDS, WRIST_CAMERA, CameraSpec
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system import random_streams
@@ -113,14 +113,14 @@ def measure_cameras(
     episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
     _reset(episodes, seed=0)
     rows: list[CameraSpeed] = []
-    for (width, height), kind in product(CAMERA_SIZES_PX, KINDS):
-        camera = CameraSpec(WRIST, width, height, (kind,))
+    for (width, height), kind in product(CAMERA_SIZES_PX, IMAGE_KINDS):
+        camera = CameraSpec(WRIST_CAMERA, width, height, (kind,))
         episodes.images([camera])  # compiles the appearance
         began = perf_counter()
         for _ in range(frames):
             episodes.images([camera])
         speed = frames / (perf_counter() - began)
-        rows.append(CameraSpeed(environment_id, WRIST, kind, f"{width} x {height}", speed))
+        rows.append(CameraSpeed(environment_id, WRIST_CAMERA, kind, f"{width} x {height}", speed))
         progress()
     episodes.close_images()
     return rows

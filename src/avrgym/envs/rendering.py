@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.cameras import add_surroundings, update_positions, visible_groups
+from avrgym.models.cameras import add_surroundings, rendering_options, update_positions
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
 from avrgym.models.scene import build_spec
 from avrgym.tasks.episodes import Episodes
@@ -60,7 +60,7 @@ class Camera:
     def picture(self) -> NDArray[np.uint8]:
         """Returns an image (``height_px``, ``width_px``, 3) of the current state."""
         update_positions(self._model, self._data, self._episodes.simulation.qpos(self._world))
-        self._renderer.update_scene(self._data, self._viewpoint, visible_groups())
+        self._renderer.update_scene(self._data, self._viewpoint, rendering_options())
         self._add_marks()
         return self._renderer.render()
 

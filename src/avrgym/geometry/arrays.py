@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import AnyArray, FloatArray, IntArray, NumpyArray
 
 RAD_PER_DEGREE = float(np.radians(1.0))
+"""Radians in one degree."""
 
 _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
 """Types that NumPy functions accept directly."""
@@ -40,8 +41,11 @@ def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def constant_like(values: AnyArray, array: AnyArray) -> AnyArray:
-    """Returns constants in the library and on the device of ``array``. Floating-point constants get its data type. If
-    ``array`` is of NumPy, ``values`` are returned unchanged. Conversions are cached."""
+    """Returns constants as an array of the same library and on the same device as ``array``.
+
+    Floating-point constants get the data type of ``array``. If ``array`` is a NumPy array, ``values`` are returned
+    unchanged. Conversions are cached.
+    """
     if isinstance(array, _NUMPYS) or not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)
@@ -55,7 +59,7 @@ def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: An
 
 
 def to_device_of(values: AnyArray, array: AnyArray) -> AnyArray:
-    """Returns a host array, or a dataclass of arrays, in the library and on the device of ``array``.
+    """Returns a NumPy array, or a dataclass of arrays, converted to the library and the device of ``array``.
 
     Floating-point numbers get the data type of ``array``.
     """
@@ -71,13 +75,12 @@ def to_device_of(values: AnyArray, array: AnyArray) -> AnyArray:
 
 
 def to_numpy(array: AnyArray) -> NumpyArray:
-    """Returns a NumPy array with the same numbers. An array of another library is copied when the device has computed
-    it."""
+    """Returns the array as a NumPy array. Waits until the device has computed an array of another library."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
 def float_copy(array: ArrayLike) -> AnyArray:
-    """Returns a floating-point copy that may be changed."""
+    """Returns a copy as a floating-point array. The caller may change the copy."""
     xp, numbers = as_floats(array)
     return xp.asarray(numbers, copy=True)
 

@@ -15,9 +15,9 @@ from avrgym.geometry.arrays import as_floats, namespace
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
     """Returns the distance (...) in metres between segments a and b, given by their ends (..., 3).
 
-    The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision Detection*,
-    2005, section 5.1.9). For parallel lines, every first point leads to a closest pair. Segments may be points. The
-    error is at most 1e-8 of the segments' length.
+        The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision
+    Detection*, 2005, section 5.1.9). Segments may be points or parallel. The error is at most 1e-8 of the segments'
+    length.
     """
     a0, a1, b0, b1 = _axis_first(a0, a1, b0, b1)
     along_a, along_b, offset = a1 - a0, b1 - b0, a0 - b0
@@ -30,7 +30,8 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
 
 
 def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
-    """Returns the distance (...) of points (..., 3) from segments with the ends ``s0`` and ``s1`` (..., 3)."""
+    """Returns the distance (...) in metres of points (..., 3) from segments with the ends ``s0`` and ``s1`` (...,
+    3)."""
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
     return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)

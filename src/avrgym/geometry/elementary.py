@@ -5,9 +5,9 @@ contacts amplify this difference to centimetres. The functions here use only sum
 in a fixed order. IEEE 754 defines their results to the last bit. Arguments are first reduced with constants in several
 parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980); then Taylor series are summed.
 
-Arguments are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last
-place of 1, or of the result if it is larger than 1. Errors of powers increase with the result's logarithm. For arrays
-of other libraries than NumPy, the functions call those of the array's library.
+Arguments are finite float64 or float32 arrays of any shape; results have the same type. Errors are a few units in the
+last place of 1, or of the result if it is larger than 1. Errors of powers increase with the logarithm of the result.
+For arrays of PyTorch and other libraries, the functions call the functions of that library.
 """
 
 import hashlib
@@ -46,8 +46,8 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
     """Returns sine and cosine of x in radians.
 
-    Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). The Taylor series
-    is summed for a quarter of the angle. Then the double-angle formulas are applied twice.
+        Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). Taylor series
+    give the values for a quarter of the angle. Then the double-angle formulas are applied twice.
     """
     library = namespace(x)
     if library is not np:
@@ -200,7 +200,9 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 @cache
 def c_library_fingerprint() -> str:
-    """Returns a hash (eight hexadecimal digits) of the rounding of the C library's functions that MuJoCo uses."""
+    """Returns a hash (eight hexadecimal digits) of results of the C library's functions that MuJoCo calls.
+
+    Two computers with different hashes may simulate with different rounding errors."""
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)
     values = [function(number) for function in functions for number in numbers if number < 700.0]

@@ -56,15 +56,16 @@ class Chain:
 
     @cached_property
     def units(self) -> FloatArray:
-        """Joint displacements (J,) that count as 1: a radian of a hinge, ``METRES_PER_RADIAN`` of a slide."""
+        """Unit of each joint's position (J,): 1 rad for a hinge, ``METRES_PER_RADIAN`` for a slide."""
         units = np.ones(len(self.pos))
         units[list(self.slides)] = METRES_PER_RADIAN
         return units
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """J + 1 links (fixed displacement, rotation columns) of the same chain, with frames that have the joint axis
-        along z. The last link ends at the tip."""
+        """The chain as J + 1 links, in frames whose z axis is the joint axis. The last link ends at the tip.
+
+        Each link is a fixed displacement (3,) and the columns (3, 3) of a fixed rotation."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
@@ -131,7 +132,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
 
 
 def joint_units(types: Sequence[int]) -> FloatArray:
-    """Returns joint displacements (J,) that count as 1, given MuJoCo's joint types; see ``Chain.units``."""
+    """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.units``."""
     return np.where(np.equal(types, SLIDE), METRES_PER_RADIAN, 1.0)
 
 
@@ -140,14 +141,14 @@ def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
     return model.joint(joint).range if limited else np.array([-np.inf, np.inf])
 
 
-def forward(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def forward_kinematics(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame, at joint positions (N, J)."""
     poses = _poses(chain, rows_last(joint_positions))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
 def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Forward kinematics and geometric Jacobian of the tip in the base frame, at joint positions (N, J).
+    """Returns the pose and the geometric Jacobian of the tip in the base frame, at joint positions (N, J).
 
     Returns:
         Tip positions (N, 3), quaternions (N, 4) and Jacobian (N, 6, J). Rows 0–2 are translations, rows 3–5 rotations.
@@ -171,8 +172,9 @@ def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) 
     return np.concatenate([j, base], axis=-1)
 
 
-def with_travel(chain: Chain, travel_m: float) -> Chain:
-    """Returns the chain with a slide before the first joint: the base moves along its x axis within ± ``travel_m``."""
+def prepend_slide(chain: Chain, travel_m: float) -> Chain:
+    """Returns the chain with a slide before its first joint: the base moves by up to ± ``travel_m`` along its x
+    axis."""
     return replace(
         chain,
         pos=np.concatenate([np.zeros((1, 3)), chain.pos]),
@@ -202,11 +204,13 @@ def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
 
-LIMIT_MARGIN = 0.05
-WEIGHT_FLOOR = 0.001
+JOINT_LIMIT_MARGIN_SHARE = 0.05
+"""Width of the zone near a joint limit in which weights decrease, as a share of half the joint range."""
+MIN_JOINT_LIMIT_WEIGHT = 0.001
+"""Smallest weight of a joint in ``joint_limit_weights``."""
 
 
-def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
+def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns joint-limit weights (N, J) at joint positions (N, J).
 
     The weight is 0.5 at a limit, almost 1 far from both limits, and 1 for continuous joints. With half range r and
@@ -216,10 +220,12 @@ def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     limited = np.isfinite(chain.upper)
     lower, upper = np.where(limited, chain.lower, -1.0), np.where(limited, chain.upper, 1.0)
     half = 0.5 * (upper - lower)
-    margins = (half - np.abs(half - joint_positions + lower)) / (LIMIT_MARGIN * half)
+    margins = (half - np.abs(half - joint_positions + lower)) / (JOINT_LIMIT_MARGIN_SHARE * half)
     # the minimum of 0.001 applies below this exponent; powers with lower exponents would overflow
     bounded = np.maximum(margins, -1.0)
-    return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
+    return np.where(
+        limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), MIN_JOINT_LIMIT_WEIGHT), 1.0
+    )
 
 
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
@@ -227,11 +233,11 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     1.
 
     It is the geometric mean of the eigenvalues of J W Jᵀ divided by their arithmetic mean, for joints in
-    ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Source: Kapusta and Kemp
-    (Autonomous Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
+    ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``joint_limit_weights``). Source: Kapusta and
+    Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
     """
     j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
-    square = weighted_square(j, rows_last(limit_weights(chain, joint_positions)))
+    square = weighted_square(j, rows_last(joint_limit_weights(chain, joint_positions)))
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
@@ -249,14 +255,14 @@ class Solution:
 
 
 MAX_ITERATIONS = 50
-MAX_TURN_RAD = 0.5
+MAX_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """One radian of a rotation error, or of a joint's motion, counts as 0.3 m."""
 BLOCK_ROWS = 4096
 """Number of rows that are computed together: many enough to hide NumPy's call overhead, few enough for the cache."""
 
 
-def solve(
+def inverse_kinematics(
     chain: Chain,
     target_pos: FloatArray,
     target_q: FloatArray | None,
@@ -266,12 +272,12 @@ def solve(
     tolerance: float = 1e-4,
     precision: DTypeLike = np.float64,
 ) -> Solution:
-    """Inverse kinematics by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986), within the joint ranges.
+    """Solves the inverse kinematics by damped least squares, within the joint ranges (Wampler, IEEE Trans. SMC 16(1),
+    1986).
 
-    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A joint at a limit is
-    excluded from the step if the step would exceed the limit, as in projected Newton methods (Bertsekas, SIAM J.
-    Control and Optimization 20(2), 1982). If the search starts at the current positions, a few iterations are enough to
-    follow a moving target.
+        The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A step excludes a
+    joint that it would move beyond a limit, as in projected Newton methods (Bertsekas, SIAM J. Control and Optimization
+    20(2), 1982). A few iterations are enough to follow a moving target from the current positions.
 
     Args:
         chain: the arm.
@@ -309,27 +315,30 @@ ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
 
 
 def restart_uniforms(joints: int) -> int:
-    """Number of uniform random numbers for the restarts of one row with ``joints`` joints."""
+    """Returns the number of uniform random numbers that the restarts of one arm with ``joints`` joints need."""
     return RESTARTS * joints
 
 
-def solve_with_restarts(
+def inverse_kinematics_with_restarts(
     chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_pose: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
     """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
-    The search starts at a seed pose (J,), then at random poses near the seed pose: each joint differs by at most 1
-    ``Chain.units``. ``uniforms`` (N, ``restart_uniforms(J)``) determine the random poses. The result of a row is the
-    first solution within 5 mm and 0.05 rad, or the best solution if there is none. Continuous joints are wrapped to ±π.
+        The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint
+    differs by at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``restart_uniforms(J)``) determine
+    them. The result of a row is the first solution with errors below 5 mm and 0.05 rad, otherwise the best solution.
+    Continuous joints are wrapped to ±π.
     """
-    best = solve(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
+    best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
         rows = np.nonzero(~is_accurate(best))[0]
         if not len(rows):
             break
         spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
         start = seed_pose + RESTART_SPREAD_RAD * chain.units * (2.0 * spread - 1.0)
-        best = replace_if_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
+        best = replace_if_better(
+            best, inverse_kinematics(chain, target_pos[rows], target_q[rows], start), rows
+        )
     return wrap_angles(chain, best.joint_positions)
 
 
@@ -339,7 +348,8 @@ def is_accurate(solution: Solution) -> BoolArray:
 
 
 def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """Returns ``old`` (N,) with ``rows`` replaced by ``new`` (rows,) if the residual error of ``new`` is smaller."""
+    """Returns the solutions ``old`` (N rows). A solution in ``new`` replaces its row in ``rows`` if its error is
+    smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
@@ -430,7 +440,7 @@ def _step(
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
-    step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))
+    step *= np.minimum(1.0, MAX_STEP_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))
     return np.clip(angles + units * step, *limits)
 
 

@@ -1,6 +1,7 @@
 """Single rotations as matrices (3, 3). The columns of a matrix are the axes of the rotated frame.
 
-``transforms`` computes arrays of rotations. For a single rotation, the functions here take a tenth of its time.
+The module ``transforms`` computes with arrays of rotations. For a single rotation, these functions are ten times as
+fast.
 """
 
 from math import atan2, cos, hypot, sin

@@ -17,12 +17,12 @@ MIN_DIVISOR = 1e-30
 
 
 def rows_last(rows_first: FloatArray) -> FloatArray:
-    """Returns an array (N, ...) with reversed axes, (..., N). A matrix is then stored as its columns."""
+    """Returns an array (N, ...) with reversed axes, (..., N). The result is contiguous; matrices become transposed."""
     return np.ascontiguousarray(rows_first.T)
 
 
 def rows_first(rows_last: FloatArray) -> FloatArray:
-    """Returns an array (..., N) with reversed axes, (N, ...). Columns are then stored as their matrix."""
+    """Returns an array (..., N) with reversed axes, (N, ...). The result is contiguous; matrices become transposed."""
     return np.ascontiguousarray(rows_last.T)
 
 
@@ -41,7 +41,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[float]) -> FloatArray:
-    """Returns the sum of three columns, weighted by factors (3,). Factors 0 and 1 need no multiplication."""
+    """Returns the sum of three columns, weighted by factors (3,)."""
     terms = [c if f == 1.0 else f * c for c, f in zip(columns, factors, strict=True) if f != 0.0]
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
 
@@ -61,7 +61,7 @@ def diagonal(matrix: FloatArray) -> FloatArray:
 
 
 def gaussian_elimination(system: FloatArray) -> None:
-    """Gaussian elimination in place, for matrices (6, 6 or more, N). The first six columns must be positive
+    """Apply Gaussian elimination in place to matrices (6, 6 or more, N). The first six columns must be positive
     semidefinite.
 
     No pivoting is needed. After the elimination, the determinant is the product of the diagonal.

@@ -54,7 +54,7 @@ def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
 
 
 def cross(a: AnyArray, b: AnyArray) -> FloatArray:
-    """Returns the cross product of vectors (..., 3). For a few vectors, ``numpy.cross`` takes several times as long."""
+    """Returns the cross product of vectors (..., 3). For a few vectors this is faster than ``numpy.cross``."""
     _, a, b = as_floats(a, b)
     ax, ay, az = _components(a)
     bx, by, bz = _components(b)
@@ -106,8 +106,7 @@ def to_matrix(q: AnyArray) -> FloatArray:
 def from_matrix(matrix: AnyArray) -> FloatArray:
     """Returns the unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
-    Shepperd's method: the largest of the four squared components is the pivot. The divisions are therefore well
-    conditioned.
+    The method is Shepperd's: it divides by the largest of the four components, which limits rounding errors.
     """
     xp, m = as_floats(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -144,8 +143,8 @@ def invert(pos_ab: AnyArray, q_ab: AnyArray) -> tuple[FloatArray, FloatArray]:
     return -rotate(q_ba, pos_ab), q_ba
 
 
-def euler_xyz(q: AnyArray) -> FloatArray:
-    """Returns the angles (..., 3) a, b, c in radians, with q = Rx(a) Ry(b) Rz(c) (intrinsic rotations about x, y, z).
+def to_euler_xyz(q: AnyArray) -> FloatArray:
+    """Returns intrinsic Euler angles (..., 3) in radians: a, b, c with q = Rx(a) Ry(b) Rz(c).
 
     b is in −π/2..π/2. At b = ±π/2 (gimbal lock) only a ± c is determined; c is then 0.
     """

@@ -5,7 +5,7 @@ from typing import Literal
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 
-Part = Literal["head", "left", "right"]
-"""A tracked body part: the head with the trunk, or one arm."""
-PARTS: tuple[Part, ...] = ("head", "left", "right")
-PART_LABELS: dict[Part, str] = {"head": "head", "left": "left hand", "right": "right hand"}
+BodyPart = Literal["head", "left", "right"]
+"""A body part that VR tracks: the head with the trunk, or one arm."""
+BODY_PARTS: tuple[BodyPart, ...] = ("head", "left", "right")
+BODY_PART_LABELS: dict[BodyPart, str] = {"head": "head", "left": "left hand", "right": "right hand"}

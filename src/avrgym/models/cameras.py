@@ -1,4 +1,4 @@
-"""Cameras of a scene: their poses and their images.
+"""Cameras of a scene: their poses, and the size and type of their images.
 
 Every scene has two cameras: ``wrist`` is fixed to the hand, above the grip, and looks along the tool; ``scene`` shows
 person and robot from the side. A robot may have more, see ``models.robot.Robot.cameras``.
@@ -18,23 +18,23 @@ from avrgym.models import robot
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.scene import TOOL, SceneConfig
 
-WRIST, SCENE = "wrist", "scene"
-Kind = Literal["rgb", "depth", "segmentation"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+WRIST_CAMERA, SCENE_CAMERA = "wrist", "scene"
+ImageKind = Literal["rgb", "depth", "segmentation"]
+IMAGE_KINDS: tuple[ImageKind, ...] = get_args(ImageKind)
 MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
 """Smallest and largest width and height of an image."""
 MAX_DEPTH_M = 10.0
 """Maximum depth. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
-STATE_ENTRY, COMMAND = "state", "command"
-"""In an observation that is a dictionary: names of the entries that contain no image."""
+STATE_ENTRY, COMMAND_ENTRY = "state", "command"
+"""Names of the entries without images, in observations that are dictionaries."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
 """An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
 SCENE_FOVY_DEG = 45.0
+"""Vertical field of view of the camera ``scene``."""
 WRIST_FOVY_DEG = 58.0
-"""Vertical field of view of the depth camera of an Intel RealSense D435 (data sheet: 87° × 58°), which many hands
-carry. Its colour images are aligned with its depth."""
+"""Vertical field of view of the wrist camera: that of an Intel RealSense D435 (data sheet: 87° × 58°)."""
 WRIST_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
 """Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
 fingers."""
@@ -63,7 +63,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     width_px: int = 64
     height_px: int = 64
-    kinds: tuple[Kind, ...] = ("rgb",)
+    kinds: tuple[ImageKind, ...] = ("rgb",)
     fovy_deg: float | None = None
 
     def __post_init__(self) -> None:
@@ -74,9 +74,9 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if type(size) is not int or not low <= size <= high:
                 raise ValueError(f"{what} of camera {self.name!r} is {size!r}; allowed: {low} to {high}")
         kinds = tuple(self.kinds)
-        if not kinds or len({*kinds}) < len(kinds) or not {*kinds} <= {*KINDS}:
+        if not kinds or len({*kinds}) < len(kinds) or not {*kinds} <= {*IMAGE_KINDS}:
             raise ValueError(
-                f"kinds of camera {self.name!r} are {kinds!r}; allowed: one or more of {', '.join(KINDS)}"
+                f"kinds of camera {self.name!r} are {kinds!r}; allowed: one or more of {', '.join(IMAGE_KINDS)}"
             )
         msgspec.structs.force_setattr(self, "kinds", kinds)
         if self.fovy_deg is not None and not 5.0 <= self.fovy_deg <= 150.0:
@@ -86,7 +86,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Returns shape, type and largest value of each image, by the name of the image's entry, such as
         ``wrist_rgb``."""
         size = (self.height_px, self.width_px)
-        format_of_kind: dict[Kind, tuple[tuple[int, ...], type[ImageType], float]] = {
+        format_of_kind: dict[ImageKind, tuple[tuple[int, ...], type[ImageType], float]] = {
             "rgb": ((*size, 3), np.uint8, 255),
             "depth": (size, np.float32, MAX_DEPTH_M),
             "segmentation": (size, np.int32, len(SEGMENTATION_LABELS) - 1),
@@ -99,22 +99,26 @@ AnyCamera = CameraSpec | str | Mapping[str, Any]
 
 
 def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
-    """Returns the cameras of a robot's scene.
+    """Converts descriptions of cameras to ``CameraSpec`` records, and checks them for a robot.
 
     Raises:
         ValueError: for a camera that the robot does not have, two cameras with the same name, or an invalid
             field. The message lists the allowed values.
     """
     if isinstance(cameras, str | CameraSpec | Mapping):
-        raise ValueError(f"cameras is {cameras!r}; allowed: a list, such as ['wrist']")
+        raise ValueError(f"cameras is {cameras!r}; allowed: a list of cameras, such as ['wrist']")
     found = tuple(_as_camera(each) for each in cameras)
-    allowed = (WRIST, SCENE, *scene_robot.cameras)
+    allowed = (WRIST_CAMERA, SCENE_CAMERA, *scene_robot.cameras)
     for each in found:
         if each.name not in allowed:
-            raise ValueError(f"unknown camera {each.name!r}; {scene_robot.name} has {', '.join(allowed)}")
+            raise ValueError(
+                f"unknown camera {each.name!r} of robot {scene_robot.name}; allowed: {', '.join(allowed)}"
+            )
     names = [each.name for each in found]
     if len({*names}) < len(names):
-        raise ValueError(f"cameras are {', '.join(names)}; allowed: each camera once, with all its kinds")
+        raise ValueError(
+            f"cameras are {', '.join(names)}; allowed: each camera once, with all its kinds of images"
+        )
     return found
 
 
@@ -133,7 +137,7 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
 
 
 def camera_from_text(text: str) -> CameraSpec:
-    """Returns the camera that a text describes: name, size and kinds, such as ``wrist:128x96:rgb+depth``.
+    """Returns the camera from a text with name, size and kinds of images, such as ``wrist:128x96:rgb+depth``.
 
     Raises:
         ValueError: for a text without this form.
@@ -143,7 +147,8 @@ def camera_from_text(text: str) -> CameraSpec:
     width, _, height = (size or "64x64").partition("x")
     if len(rest) > 2 or not (width.isdecimal() and height.isdecimal()):
         raise ValueError(
-            f"camera {text!r}; allowed: NAME, NAME:WIDTHxHEIGHT, or with kinds such as wrist:128x96:rgb+depth"
+            f"camera is {text!r}; allowed: NAME, NAME:WIDTHxHEIGHT or NAME:WIDTHxHEIGHT:KINDS, such as "
+            "wrist:128x96:rgb+depth"
         )
     chosen: Any = tuple(kinds.split("+")) if kinds else ("rgb",)
     return CameraSpec(name, int(width), int(height), chosen)
@@ -167,12 +172,12 @@ class FixedView:
 def add_cameras(
     spec: mujoco.MjSpec, scene: SceneConfig, view: FixedView, cameras: Sequence[CameraSpec]
 ) -> None:
-    """Add cameras to the model of a scene, with their names."""
+    """Add cameras to the model of a scene. ``view`` is the pose of the camera ``scene``."""
     for camera in cameras:
-        if camera.name == SCENE:
+        if camera.name == SCENE_CAMERA:
             body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_FOVY_DEG
             q = camera_rotation(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
-        elif camera.name == WRIST:
+        elif camera.name == WRIST_CAMERA:
             body, pos, fovy_deg = spec.body(TOOL), scene.tool.grip_pos + WRIST_FROM_GRIP_M, WRIST_FOVY_DEG
             q = camera_rotation(WRIST_TARGET_M - pos, [0.0, 0.0, 1.0])
         else:
@@ -209,14 +214,14 @@ def add_surroundings(spec: mujoco.MjSpec) -> None:
 
 
 def update_positions(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -> None:
-    """Compute the positions of everything that a renderer draws, cloth included, from joint positions (nq,)."""
+    """Compute the poses of all bodies, geoms and cloth vertices for rendering, from joint positions (nq,)."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_flex(model, data)
     mujoco.mj_camlight(model, data)
 
 
-def visible_groups() -> mujoco.MjvOption:
+def rendering_options() -> mujoco.MjvOption:
     """Returns MuJoCo's rendering options that show visual geoms only."""
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0

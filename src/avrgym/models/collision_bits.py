@@ -1,4 +1,4 @@
-"""Collision bits: which kinds of geoms collide."""
+"""Collision bits of MuJoCo geoms (``contype``, ``conaffinity``) for people, robots, tools and furniture."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,10 @@ _PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 
 @dataclass(frozen=True)
 class CollisionBits:
-    """Two geoms collide if the ``contype`` of one geom shares a bit with the ``conaffinity`` of the other geom."""
+    """Collision bits of a geom.
+
+    Two geoms collide if the ``contype`` of one geom has a bit in common with the ``conaffinity`` of the other geom.
+    """
 
     contype: int
     conaffinity: int
@@ -24,4 +27,4 @@ PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
 CLOTH = CollisionBits(0, _PERSON)
 NO_COLLISION = CollisionBits(0, 0)
-"""Geoms with these bits collide with nothing. They mark space that people's initial poses must avoid."""
+"""Bits of geoms that never collide. They mark space that people's initial poses must avoid."""

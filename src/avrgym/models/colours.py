@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray, NumpyArray
 
-UNSET = (0.5, 0.5, 0.5, 1.0)
+DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo's default colour. Geoms and skins with this colour have the colour of their material."""
 
 
@@ -23,7 +23,7 @@ def skin_colours(model: mujoco.MjModel) -> FloatArray:
     return _drawn(model, model.skin_matid, model.skin_rgba)
 
 
-def texture_of(model: mujoco.MjModel, material: int) -> int:
+def texture_index(model: mujoco.MjModel, material: int) -> int:
     """Index of a material's colour texture; -1 without one."""
     return int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]) if material >= 0 else -1
 
@@ -37,7 +37,7 @@ def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
 
 def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
     """Mean colour (3,) of a material's texture, 0 to 1; white without one."""
-    texture = texture_of(model, material)
+    texture = texture_index(model, material)
     if texture < 0:
         return np.ones(3)
     return np.broadcast_to(texture_pixels(model, texture)[..., :3].mean(axis=(0, 1)) / 255.0, 3)
@@ -50,6 +50,6 @@ def linear_from_srgb(colours: FloatArray) -> FloatArray:
 
 def _drawn(model: mujoco.MjModel, materials: NumpyArray, own: NumpyArray) -> FloatArray:
     colours = own.astype(float)
-    has_material = (materials >= 0) & (own == UNSET).all(axis=1)
+    has_material = (materials >= 0) & (own == DEFAULT_RGBA).all(axis=1)
     colours[has_material] = model.mat_rgba[materials[has_material]]
     return colours

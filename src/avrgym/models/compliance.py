@@ -1,8 +1,8 @@
 """Compliance of contacts with the person, and torque limits. Both bound the contact forces.
 
-Torque limits alone do not bound forces. A motor of 24 N m applies thousands of newtons to a rigid obstacle near a
-joint's axis, along a stretched arm, or with a wedged tool. The stiffness of MuJoCo's contacts increases with the mass
-of the bodies. The compliance of the person's body bounds the force at a contact point:
+Torque limits alone do not bound forces. A motor of 24 N m can apply thousands of newtons to a rigid obstacle, for
+example near a joint's axis or along a stretched arm. The stiffness of MuJoCo's contacts increases with the mass of the
+bodies. The compliance of the person's body bounds the force at a contact point:
 
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
   ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
@@ -51,7 +51,7 @@ class ContactCompliance:
     power: float = 1.0
 
     def impedance(self, depth_m: FloatArray) -> FloatArray:
-        """Impedance at a depth, between 0 and 1; any shape."""
+        """Returns MuJoCo's contact impedance, 0 to 1, at a penetration depth of any shape."""
         share = np.clip(depth_m / self.width_m, 0.0, 1.0)
         rising = self.midpoint * (share / self.midpoint) ** self.power
         levelling = 1.0 - (1.0 - self.midpoint) * ((1.0 - share) / (1.0 - self.midpoint)) ** self.power
@@ -87,7 +87,9 @@ _DOMINANT_MIX = 1e6
 
 
 def contact_force_n(depth_m: FloatArray) -> FloatArray:
-    """Static force of a one-point contact with the person at a depth, for a robot that cannot move; any shape."""
+    """Returns the static force of a one-point contact with the person at a penetration depth of any shape.
+
+    The robot does not move in this model."""
     impedance = SOFT_TISSUE.impedance(depth_m)
     return SOFT_TISSUE.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
 
@@ -96,7 +98,7 @@ MAX_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, MAX_DEPTH_M, 501)).
 
 
 def impact_force_n(energy_j: FloatArray) -> FloatArray:
-    """Largest additional force of an impact with this kinetic energy; any shape."""
+    """Returns the largest additional force of an impact with a kinetic energy of any shape."""
     compliance = (1.0 - SOFT_TISSUE.impedance_start) / SOFT_TISSUE.impedance_start * INVERSE_MASS_PER_KG
     return 0.5 * SOFT_TISSUE.damping_s * np.sqrt(2.0 * energy_j / compliance)
 
@@ -108,7 +110,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
         spec: the scene.
         arm: the moving arm.
         tool: the tool in its hand.
-        lead_rad: largest lead of a servo target over its joint, in ``kinematics.joint_units``.
+        lead_rad: maximum distance between a servo target and its joint, in ``kinematics.joint_units``.
     """
     if tool.hull is not None:
         _replace_walls_by_hull(spec, tool.hull)
@@ -139,12 +141,14 @@ def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TI
 
 
 def effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
-    """Limits of torque or force (J,): the lower value of the motor's limit and the servo's spring at ``lead``."""
+    """Returns limits of torque or force (J,): the motor's limit, or the servo's spring force if this is lower.
+
+    ``lead`` is the distance between servo target and joint."""
     return np.minimum(arm.effort_limit, lead * arm.stiffness)
 
 
 def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:
-    """Torque limits of people's joints (N, 20), reduced for people with tremor."""
+    """Returns the torque limits of people's joints (N, 20). They are reduced for people with tremor."""
     trembling = tremor_rad.any(axis=-1, keepdims=True)
     return np.where(trembling, TREMOR_STRENGTH_SHARE * strength_n_m, strength_n_m)
 

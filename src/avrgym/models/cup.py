@@ -1,4 +1,4 @@
-"""The cup and its water."""
+"""Cups with water, for drinking."""
 
 import math
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ class CupShape:
 
     @property
     def taper_rad(self) -> float:
-        """Angle of the walls to the axis."""
+        """Angle between the wall and the axis of the cup."""
         return math.atan2(self.rim_radius_m - self.foot_radius_m, self.height_m)
 
     def inner_radius_m(self, z: float) -> float:
@@ -45,13 +45,14 @@ class CupShape:
         return self.rim_radius_m + z * math.tan(self.taper_rad) - _WALL_M / math.cos(self.taper_rad)
 
 
-SHAPES: Mapping[str, CupShape] = {
+CUP_SHAPES: Mapping[str, CupShape] = {
     "cup": CupShape(0.047, 0.034, 0.125),
     "glass": CupShape(0.040, 0.034, 0.135),
     "mug": CupShape(0.043, 0.038, 0.095),
 }
-"""``cup`` is the cup of the 2020 reference, but tapered: every robot's hand fits around its lower half."""
-CUP_SHAPE = SHAPES["cup"]
+"""Shapes of cups by name. ``cup`` is like the cup of the 2020 reference, but narrower at its foot, for the robots'
+hands."""
+CUP_SHAPE = CUP_SHAPES["cup"]
 
 
 def _packed(shape: CupShape, radius_m: float) -> FloatArray:
@@ -79,33 +80,33 @@ def _layer(axis_x_m: float, z: float, reach_m: float, pitch: float, *, shifted: 
 
 WATER = Particles(
     name="water",
-    start=_packed(CUP_SHAPE, 0.005)[:64],
+    initial_pos=_packed(CUP_SHAPE, 0.005)[:64],
     radius_m=0.005,
     mass_kg=0.001,
     rgb=(0.35, 0.62, 0.86),
     fluid=True,
 )
-"""64 spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
+"""Water in the default cup: 64 spheres of radius 5 mm and 1 g (paper, section IV; reference)."""
 
 
 @lru_cache
-def cup(name: str = "cup", particles: int = len(WATER.start)) -> Tool:
+def make_cup(name: str = "cup", particles: int = len(WATER.initial_pos)) -> Tool:
     """Returns a cup with the shape ``name`` and ``particles`` particles of water.
 
     Raises:
         ValueError: for an unknown shape, and for more particles than fit into the cup.
     """
-    if name not in SHAPES:
-        raise ValueError(f"tool is {name!r}; the cups are {', '.join(SHAPES)}")
-    shape = SHAPES[name]
+    if name not in CUP_SHAPES:
+        raise ValueError(f"unknown cup {name!r}; allowed: {', '.join(CUP_SHAPES)}")
+    shape = CUP_SHAPES[name]
     places = _packed(shape, WATER.radius_m)
     if particles > len(places):
-        raise ValueError(f"particles is {particles}; a {name} has room for 1 to {len(places)}")
+        raise ValueError(f"particles is {particles}; allowed for a {name}: 1 to {len(places)}")
     return Tool(
         "cup",
         partial(_build_cup, shape),
         grip_pos=(shape.axis_x_m, 0.0, _GRIP_HEIGHT_M - shape.height_m),
-        particles=replace(WATER, start=places[:particles]),
+        particles=replace(WATER, initial_pos=places[:particles]),
         hull=Hull(
             ("cup_floor", *(f"cup_wall_{wall}" for wall in range(_WALLS))),
             CYLINDER,
@@ -163,5 +164,5 @@ _OUTLINE = [
 ]  # fmt: skip
 """Points (radius, height) of the profile of the cup's visual mesh, with a rolled rim."""
 
-CUP = cup()
+CUP = make_cup()
 """The default cup."""

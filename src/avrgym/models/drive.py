@@ -16,7 +16,7 @@ DRIVE_ACTIONS = ("forward", "turn")
 
 @dataclass(frozen=True)
 class DifferentialDrive:
-    """Two driven wheels on one axle: the base moves forward and turns, and does not move sideways.
+    """A differential drive: two driven wheels on one axle. The base moves forward and turns, but not sideways.
 
     The wheels' axle is at the origin of the robot's base; forward is the base's x axis.
 
@@ -25,14 +25,14 @@ class DifferentialDrive:
         turn_limit_rad_s: limit of the turn rate.
         track_width_m: distance of the wheels.
         force_limit_n: limit of the force of both wheels along the ground.
-        grip_limit_n: limit of the force with which the wheels resist sideways motion.
+        lateral_force_limit_n: limit of the wheels' friction force against sideways motion.
     """
 
     speed_limit_m_s: float
     turn_limit_rad_s: float
     track_width_m: float
     force_limit_n: float
-    grip_limit_n: float
+    lateral_force_limit_n: float
 
     @property
     def speed_limit(self) -> FloatArray:
@@ -43,7 +43,7 @@ class DifferentialDrive:
     def effort_limit(self) -> FloatArray:
         """Limits (3,) of force forward and sideways in N, and of torque in N·m."""
         return np.array(
-            [self.force_limit_n, self.grip_limit_n, 0.5 * self.track_width_m * self.force_limit_n]
+            [self.force_limit_n, self.lateral_force_limit_n, 0.5 * self.track_width_m * self.force_limit_n]
         )
 
 
@@ -54,8 +54,8 @@ DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
 """Velocity servos of a driving base, in the base's own frame. The sideways command is always 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
 """Damping of the drive's servos divided by the robot's mass or inertia: the highest value without oscillation at the
-force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps by 4 mm/s until the
-brakes hold it."""
+force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps at 4 mm/s until the brakes stop
+it."""
 
 
 def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDrive) -> None:

@@ -1,4 +1,4 @@
-"""The rendered body: a clothed man or woman as skins over the person's bodies, without collision.
+"""Rendered body of the person: a clothed man or woman as MuJoCo skins, without collision.
 
 The stored shapes have the sex's reference torso height. ``assets/human/SOURCE.md`` lists their sources.
 """
@@ -21,7 +21,7 @@ from avrgym.models.geoms import add_material
 from avrgym.models.human import (
     BODIES,
     GIRTH_EXPONENTS,
-    MOUTH_RISE,
+    MOUTH_HEIGHT_M,
     PREFIX,
     PROPORTIONS,
     SKIN_TONES,
@@ -31,31 +31,31 @@ from avrgym.models.human import (
     Proportions,
     Sex,
     bind_frames,
-    layout_of,
+    layout_of_people,
 )
 
 
 @dataclass(frozen=True)
-class Part:
-    """A visual part: its colour (``None``: the skin tone) and roughness."""
+class SkinPart:
+    """A part of the rendered body, such as the shirt: its colour (``None``: the skin tone) and roughness."""
 
     rgb: tuple[float, float, float] | None
     roughness: float
 
 
-PARTS: Mapping[str, Part] = {
-    "face": Part(None, 0.55),
-    "body": Part(None, 0.55),
-    "feet": Part(None, 0.55),
-    "shirt": Part((0.27, 0.45, 0.60), 0.9),
-    "trousers": Part((0.20, 0.22, 0.28), 0.9),
-    "shoes": Part((0.30, 0.25, 0.22), 0.6),
-    "hair": Part((0.30, 0.20, 0.13), 0.7),
-    "eye": Part((0.93, 0.92, 0.90), 0.15),
-    "iris": Part((0.30, 0.20, 0.12), 0.15),
-    "pupil": Part((0.02, 0.02, 0.02), 0.15),
-    "teeth": Part((0.80, 0.77, 0.70), 0.3),
-    "tongue": Part((0.60, 0.28, 0.26), 0.3),
+SKIN_PARTS: Mapping[str, SkinPart] = {
+    "face": SkinPart(None, 0.55),
+    "body": SkinPart(None, 0.55),
+    "feet": SkinPart(None, 0.55),
+    "shirt": SkinPart((0.27, 0.45, 0.60), 0.9),
+    "trousers": SkinPart((0.20, 0.22, 0.28), 0.9),
+    "shoes": SkinPart((0.30, 0.25, 0.22), 0.6),
+    "hair": SkinPart((0.30, 0.20, 0.13), 0.7),
+    "eye": SkinPart((0.93, 0.92, 0.90), 0.15),
+    "iris": SkinPart((0.30, 0.20, 0.12), 0.15),
+    "pupil": SkinPart((0.02, 0.02, 0.02), 0.15),
+    "teeth": SkinPart((0.80, 0.77, 0.70), 0.3),
+    "tongue": SkinPart((0.60, 0.28, 0.26), 0.3),
 }
 HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's own view."""
@@ -63,14 +63,18 @@ HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
 """Ranges of stored positions and mouth openings, and the share of the opening that an open mouth has."""
 ARM = ("upper_arm", "forearm")
+"""Bodies of an arm that are scaled by the arm scale."""
 CROWN_STRETCH_SHARE = 0.5
 """The head above the mouth is stretched by this share of the torso's stretch, like the head's collision sphere."""
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A visual part in the pose of ``bind_frames``: ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v down),
-    ``faces`` (F, 3), and four of ``BODIES`` with weights for each vertex, (V, 4)."""
+class SkinMesh:
+    """Skinned mesh of a rendered part, in the pose of ``bind_frames``.
+
+    ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v points down), ``faces`` (F, 3). Each vertex follows four
+    bodies: indices ``bodies`` in ``BODIES`` and ``weights``, (V, 4) each.
+    """
 
     vertices: FloatArray
     uv: FloatArray
@@ -85,7 +89,7 @@ def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, ope
     pos, q = bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
     )
-    for name, shape in shapes(person, open_mouth=open_mouth):
+    for name, shape in skin_meshes(person, open_mouth=open_mouth):
         if name == ("feet" if posture.shoes else "shoes"):
             continue
         skin = spec.add_skin(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
@@ -96,7 +100,7 @@ def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, ope
 
 def _add_materials(spec: mujoco.MjSpec, person: Person) -> None:
     tone = SKIN_TONES[person.skin_tone]
-    for name, part in PARTS.items():
+    for name, part in SKIN_PARTS.items():
         add_material(spec, _material(name), part.rgb or tone, roughness=part.roughness)
     _add_texture(spec, "skin", f"{person.sex}.jpg")
     _add_texture(spec, "hair", "hair.jpg")
@@ -118,11 +122,11 @@ def _add_texture(spec: mujoco.MjSpec, material: str, file: str) -> None:
 
 
 def _material(part: str) -> str:
-    return PREFIX + ("skin" if PARTS[part].rgb is None else part)
+    return PREFIX + ("skin" if SKIN_PARTS[part].rgb is None else part)
 
 
 def _bind(
-    skin: mujoco.MjsSkin, shape: Shape, pos: Mapping[str, FloatArray], q: Mapping[str, FloatArray]
+    skin: mujoco.MjsSkin, shape: SkinMesh, pos: Mapping[str, FloatArray], q: Mapping[str, FloatArray]
 ) -> None:
     used: list[int] = np.unique(shape.bodies[shape.weights > 0.0]).tolist()
     names = [BODIES[body] for body in used]
@@ -134,15 +138,15 @@ def _bind(
     skin.vertweight = [shape.weights[of_body].tolist() for of_body in held]
 
 
-def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
-    """All visual parts by name, scaled to torso height and arm scale."""
-    for name in PARTS:
+def skin_meshes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, SkinMesh]]:
+    """Yields the name and mesh of each rendered part, scaled to the person's torso height and arm length."""
+    for name in SKIN_PARTS:
         drawn, opening = _stored_parts(person.sex)[name]
         vertices = drawn.vertices + (OPEN_MOUTH_SHARE if open_mouth else 0.0) * opening
         yield name, _stretched(drawn, vertices, person)
 
 
-def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
+def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMesh:
     reference_m = PROPORTIONS[person.sex].torso_height
     h = person.torso_height_m / reference_m
     old_pos, q = bind_frames(person.sex, reference_m)
@@ -162,12 +166,12 @@ def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
                 q[body], _lengthened(local, body, h * (person.arm_scale if body.endswith(ARM) else 1.0))
             )
         )
-    return Shape(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
+    return SkinMesh(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
 
 
 def _girths(person: Person) -> Mapping[str, float]:
     """Radii and breadths relative to the sex's reference, by measure."""
-    built, reference = layout_of(People.of([person])).proportions, PROPORTIONS[person.sex]
+    built, reference = layout_of_people(People.of([person])).proportions, PROPORTIONS[person.sex]
     return {name: float(getattr(built, name)[0]) / getattr(reference, name) for name in GIRTH_EXPONENTS}
 
 
@@ -180,10 +184,10 @@ def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: Propo
     if part != "torso":
         across = girths[f"{part}_radius"]
         return local * ([across, across, across] if part == "hand" else [across, across, 1.0])
-    shoulders = p.chest_rise + p.shoulder_rise
-    heights = [0.0, p.chest_rise, shoulders, shoulders + 0.05]
+    shoulders = p.chest_offset_z + p.shoulder_offset_z
+    heights = [0.0, p.chest_offset_z, shoulders, shoulders + 0.05]
     waist, chest, neck = (girths[f"{name}_radius"] for name in ("waist", "chest", "neck"))
-    widths = [waist, chest, girths["shoulder_side"], neck]
+    widths = [waist, chest, girths["shoulder_offset_x"], neck]
     depths = [waist, chest, girths["shoulder_radius"], neck]
     x, y = (np.interp(local[:, 2], heights, scales) for scales in (widths, depths))
     return local * np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -197,23 +201,23 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
     if part == "foot":
         return local * [1.0, h, 1.0]
     if part == "head":
-        above = np.maximum(local[:, 2:] - MOUTH_RISE, 0.0)
+        above = np.maximum(local[:, 2:] - MOUTH_HEIGHT_M, 0.0)
         return local + CROWN_STRETCH_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
     return local * [1.0, 1.0, h]
 
 
 @cache
-def _stored_parts(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
+def _stored_parts(sex: Sex) -> Mapping[str, tuple[SkinMesh, FloatArray]]:
     """Stored parts, and the displacement of their vertices (V, 3) when the mouth opens."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
-        return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAYS}) for name in PARTS}
+        return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAYS}) for name in SKIN_PARTS}
 
 
 STORED_ARRAYS = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
-def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[Shape, FloatArray]:
-    shape = Shape(
+def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[SkinMesh, FloatArray]:
+    shape = SkinMesh(
         vertices=POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,
         faces=stored["faces"].astype(np.int32),

@@ -1,4 +1,4 @@
-"""Robot records and the MuJoCo models built from them. The packaged robots are in ``avrgym.robots``."""
+"""Descriptions of robots, and functions that build their MuJoCo models. The robots are in ``avrgym.robots``."""
 
 import inspect
 import re
@@ -19,18 +19,19 @@ from avrgym.models.drive import DRIVE_ACTIONS, DRIVE_JOINTS, MOTOR_GROUP, Differ
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
+"""Prefix of all names of the robot in a scene."""
 Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
-Place = Literal["wheelchair", "bed"]
-PLACES: tuple[Place, ...] = ("wheelchair", "bed")
-"""Places of the person: in the wheelchair or in bed."""
+PersonLocation = Literal["wheelchair", "bed"]
+PERSON_LOCATIONS: tuple[PersonLocation, ...] = ("wheelchair", "bed")
+"""Locations of the person: in the wheelchair or in bed."""
 Furniture = Callable[[mujoco.MjSpec, bool], None]
-"""A function that adds bodies to a scene, in the world's frame. The second argument: whether to add visual geoms."""
+"""A function that adds furniture to a scene, in the world frame. The second argument: whether to add visual geoms."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot arm. See ``tuned_arm`` for values that can be computed.
+    """A robot arm. ``tuned_arm`` creates one and computes stiffness and inertia.
 
     Joints are hinges or slides; the model defines their types and ranges. Units follow from the type: radians and N·m
     for hinges, metres and N for slides.
@@ -59,7 +60,7 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """How the hand holds a tool.
+    """Grip of a hand on a tool.
 
     Attributes:
         pos, q: pose of the tool's ``grip_pos`` in the end effector's frame, (3,) in metres and (4,).
@@ -115,17 +116,19 @@ class Mount:
         return self.carrier is None
 
     def mirrored(self) -> "Mount":
-        """The mount on the person's left.
+        """Returns the mount mirrored to the person's left.
 
         Raises:
-            UnsuitableError: if the carrier cannot be mirrored.
+            UnsuitableRobotError: if the carrier cannot be mirrored.
         """
         x, y, z = self.pos_w
         pos_w = self.left_pos_w or (-x, y, z)
         carrier: Callable[..., None] | None = self.carrier
         if carrier is not None:
             if "mirrored" not in inspect.signature(carrier).parameters:
-                raise UnsuitableError("the carrier has no keyword mirrored; allowed: a robot on the floor")
+                raise UnsuitableRobotError(
+                    "the carrier has no keyword mirrored; allowed: a robot on the floor"
+                )
             moved = {} if self.left_pos_w is None else {"mount_m": (-pos_w[0], *pos_w[1:])}
             carrier = partial(carrier, mirrored=True, **moved)
         yaw_rad = self.left_yaw_rad
@@ -144,7 +147,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class CameraMount:
-    """A camera that a robot carries, apart from the one at the wrist, see ``models.cameras``.
+    """A camera on a robot's body, in addition to the wrist camera; see ``models.cameras``.
 
     Attributes:
         body: body of the robot's model.
@@ -162,7 +165,7 @@ class CameraMount:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot. It can do a task if it has the arm, the mount and the grip that the task needs.
+    """A robot: its model, arms, mounts and grips. A task needs an arm, a mount and a grip.
 
     Attributes:
         name: part of the environment ids.
@@ -185,7 +188,7 @@ class Robot:
     base: str
     torso: str
     arms: Mapping[Side, Arm]
-    mounts: Mapping[Place, Mount]
+    mounts: Mapping[PersonLocation, Mount]
     grips: Mapping[str, Grip]
     half_width_m: float = 0.0
     fixed_joints: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -193,42 +196,45 @@ class Robot:
     drive: DifferentialDrive | None = None
 
     def first_joint(self, arm: Arm) -> str:
-        """Name of the joint that moves all moving bodies of the robot: the arm's first joint, or a joint of the
-        drive."""
+        """Returns the name of the joint that moves all moving bodies: the arm's or the drive's first joint."""
         return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
 
     def action_names(self, arm: Arm) -> tuple[str, ...]:
-        """Names of the A components of an action: the arm's joints and, for a driving robot, ``DRIVE_ACTIONS``."""
+        """Returns the names of the A components of an action: the arm's joints, then ``DRIVE_ACTIONS`` if it drives."""
         return (*arm.joints, *(() if self.drive is None else DRIVE_ACTIONS))
 
 
-class UnsuitableError(ValueError):
-    """A robot lacks the arm, mount or grip that a task needs."""
+class UnsuitableRobotError(ValueError):
+    """Raised if a robot lacks the arm, mount or grip that a task needs."""
 
 
-def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
-    """Returns arm and mount for a tool at a place of the person.
+def select_equipment(robot: Robot, place: PersonLocation, side: Side, tool: Tool) -> tuple[Arm, Mount]:
+    """Returns the robot's arm and mount for a tool and a location of the person.
 
     Raises:
-        UnsuitableError: if the robot has no such arm, mount or grip.
+        UnsuitableRobotError: if the robot has no such arm, mount or grip.
     """
     for what, wanted, found in (
         ("arm", side, robot.arms), ("mount", place, robot.mounts), ("grip", tool.grip_name, robot.grips)
     ):  # fmt: skip
         if wanted not in found:
-            raise UnsuitableError(f"{robot.name} has no {what} {wanted!r}, only {', '.join(found)}")
+            raise UnsuitableRobotError(
+                f"robot {robot.name} has no {what} {wanted!r}; it has {', '.join(found)}"
+            )
     return robot.arms[side], robot.mounts[place]
 
 
-def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
-    """Returns a robot on the floor that does not move, as furniture. It is an obstacle for other robots.
+def robot_as_furniture(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
+    """Returns a function that adds a robot as furniture: it is on the floor, does not move, and is an obstacle.
 
     Raises:
-        ValueError: for a robot that does not stand on the floor.
+        ValueError: for a robot without a mount on the floor.
     """
     heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.on_floor]
     if not heights_m:
-        raise ValueError(f"{robot.name} does not stand on the floor; allowed: a robot on the floor")
+        raise ValueError(
+            f"robot {robot.name} is not mounted on the floor; allowed: a robot with a mount on the floor"
+        )
     positions = {
         joint: float(value)
         for arm in robot.arms.values()
@@ -247,7 +253,9 @@ def standing_robot(robot: Robot, name: str, place: tuple[float, float], yaw_rad:
 
 
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
-    """Model of a robot without a scene: collision bits, a velocity servo on each joint of the arm, other joints fixed.
+    """Returns the model of a robot without a scene.
+
+    Geoms have collision bits, joints of the arm have velocity servos, and all other joints are fixed.
 
     Joints that mimic a joint of the arm follow it. A drive has three joints, see ``DRIVE_JOINTS``.
 
@@ -270,7 +278,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
 
 def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
-    """Model of a robot with a tool in its hand, without a scene. ``name`` is the name of the tool's body."""
+    """Returns the model of a robot with a tool in its hand, without a scene. ``name``: name of the tool's body."""
     grip = robot.grips[tool.grip_name]
     spec = robot_spec(robot, arm, grip, appearance=appearance)
     body = spec.body(arm.end_effector).add_body(
@@ -303,7 +311,7 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
     """Weld all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
 
-    A joint that mimics another one (an equality in MuJoCo) follows it, also if the other joint moves.
+    A mimic joint (coupled by a MuJoCo equality) follows its joint, also if that joint moves.
 
     Raises:
         ValueError: for a moving joint that mimics another one.
@@ -326,7 +334,7 @@ def _with_mimics(
     for each in mimics:
         if each.name1 in moving:
             raise ValueError(
-                f"the joint {each.name1!r} of the arm mimics {each.name2!r}; allowed: joints that others mimic"
+                f"joint {each.name1!r} of the arm mimics joint {each.name2!r}; allowed: joints that do not mimic others"
             )
     following = {each.name1 for each in mimics if each.name2 in moving}
     mimics = [each for each in mimics if each.name1 not in following]
@@ -342,7 +350,11 @@ def _with_mimics(
 
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compiled model of a robot."""
+    """Compile the model of a robot.
+
+    Raises:
+        ValueError: for an invalid model, for example a moving link without mass.
+    """
     try:
         return spec.compile()
     except ValueError as error:
@@ -350,7 +362,7 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
         if massless is None:
             raise
         raise ValueError(
-            f"the link {massless[1]!r} moves but has no mass; allowed: an <inertial> with mass and inertia above 0"
+            f"link {massless[1]!r} moves but has no mass; add an <inertial> element with mass and inertia above 0"
         ) from error
 
 
@@ -389,7 +401,7 @@ def tuned_arm(
     effort_limit: ArrayLike,
     finger_prefix: str = "",
 ) -> Arm:
-    """An arm with servo gains computed from its inertia at the seed pose.
+    """Returns an arm with servo gains that are computed from its inertia at the seed pose.
 
     Args:
         build: returns the robot's model, as in ``Robot``.
@@ -407,7 +419,7 @@ def tuned_arm(
     missing = [name for name in joints if spec.joint(name) is None]
     if missing:
         raise ValueError(
-            f"no joint {', '.join(missing)}; the joints are {', '.join(j.name for j in spec.joints)}"
+            f"unknown joint {', '.join(missing)}; allowed: {', '.join(j.name for j in spec.joints)}"
         )
     seed, speed, torque = (
         _per_joint(name, values, len(joints))

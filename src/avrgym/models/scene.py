@@ -18,9 +18,11 @@ from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
+"""Duration of a physics step."""
 CONTROL_STEP_S = 0.1
-"""Duration of a control step by default, and of the steps in which people move by themselves."""
+"""Default duration of a control step. Simulated people choose their actions with the same period."""
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
+"""Number of physics steps in a default control step."""
 FLUID_TOLERANCE = 1e-3
 """Solver tolerance for 64 water particles, with conjugate gradients and without islands and geom trees. A physics step
 takes 0.20 ms instead of 0.45 ms with Newton's method, which is faster for food and scenes without particles."""
@@ -28,16 +30,21 @@ takes 0.20 ms instead of 0.45 ms with Newton's method, which is faster for food 
 
 @dataclass(frozen=True, eq=False)
 class SceneConfig:
-    """Content of a scene: furniture, posture, and a robot on its mount with a tool.
+    """Configuration of a scene: furniture, the person's posture, and a robot on its mount with a tool.
 
-    The furniture includes the mount's carrier. ``movable`` are the furniture bodies whose position differs between
-    episodes. ``control_step_s`` is the duration of a control step. ``checks_reach``: whether initial states out of the
-    arm's reach are resampled. ``body_mass_kg`` is the mass of every person; ``None``: the mass of the person's body
-    model. ``self_collision``: whether the robot's links collide with each other.
+    Attributes:
+        furniture: functions that add furniture, including the carrier of the mount.
+        movable_bodies: furniture bodies whose position differs between episodes.
+        posture: posture of the person.
+        robot, arm, tool, mount: the robot, its moving arm, the tool in the hand, and the pose of the base.
+        control_step_s: duration of a control step.
+        checks_reach: whether initial states out of the arm's reach are resampled.
+        body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
+        self_collision: whether the robot's links collide with each other.
     """
 
     furniture: Sequence[Furniture]
-    movable: Sequence[str]
+    movable_bodies: Sequence[str]
     posture: Posture
     robot: Robot
     arm: Arm
@@ -71,7 +78,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     Args:
         scene: furniture, robot and tool.
         person: the person; a static person keeps the pose of this record.
-        moving: whether the person has actuated joints.
+        moving: whether the person has actuated joints; otherwise the person is rigid.
         appearance: whether to add visual geoms.
     """
     spec = mujoco.MjSpec()
@@ -118,23 +125,26 @@ def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> Non
 
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
-    """Model of the scene's robot with the tool in its hand, without person and furniture."""
+    """Returns the model of the scene's robot with the tool in its hand, without person and furniture."""
     return robot.robot_spec_with_tool(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
 TOOL = robot.PREFIX + TOOL_BODY
+"""Name of the tool's body in a scene."""
+
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"
 ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
 ROBOT_CONTACTS = 16
+"""Number of contacts between robot and person that the sensor reports, the strongest first."""
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
 ANY_FORCE_SENSOR = "force_on_person"
 ANY_CONTACT_SENSOR = "contacts_with_person"
 ANY_CONTACTS = 96
-"""Number of reported contacts between the person and all other bodies, in scenes with cloth."""
+"""Number of contacts between the person and all other bodies that the sensor reports, in scenes with cloth."""
 TOOL_CONTACTS = 6
-"""Number of reported contacts. In 12 800 steps of packaged policies, a robot had up to 6 contacts and a tool up to
-4."""
+"""Number of contacts between tool and person that the sensor reports. In 12 800 steps of packaged policies, tools had
+at most 4 contacts."""
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 

@@ -1,4 +1,4 @@
-"""The scooper: a padded trough that carries a forearm. Its handle is as thick as the scratcher."""
+"""The scooper: a padded trough that lifts a forearm. Its handle has the thickness of the scratcher."""
 
 import mujoco
 import numpy as np
@@ -11,10 +11,10 @@ from avrgym.models.shapes import rounded_polyline, tube
 from avrgym.models.tools import Tool
 
 PADDING_RADIUS_M, HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
-"""The trough is 14 cm wide outside, 10 cm inside (x), 7 cm long (y), and its rims are 5 cm above the floor of the
-trough (z)."""
+"""Sizes of the trough. Along x it is 14 cm wide outside and 10 cm inside, along y it is 7 cm long. Along z its rims are
+5 cm above its floor."""
 GRIP_M = -(HALF_WIDTH_M + 0.06)
-"""Position of the grip on the x axis."""
+"""x coordinate of the grip in the tool's frame."""
 _HANDLE_END_M = GRIP_M - 0.03
 _RIBS_Y_M = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 4)
 

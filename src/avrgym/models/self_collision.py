@@ -12,13 +12,13 @@ from avrgym.system import random_streams
 
 SAMPLES = 1000
 """Number of sampled poses of the arm."""
-ALWAYS_SHARE = 0.9
+PERMANENT_CONTACT_SHARE = 0.9
 """A pair of bodies that touches in at least this share of the poses does not collide: its shapes overlap
 permanently."""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
-    """Let links of a scene's robot collide with each other, if they are in ``collision_pairs``.
+    """Enable collisions between the links of a robot in a scene, for the pairs in ``collision_pairs``.
 
     Args:
         spec: a scene with the robot.
@@ -38,11 +38,11 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
 
 @cache
 def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
-    """Pairs of bodies, by name, that may collide.
+    """Returns the pairs of bodies of a robot that may collide, by name.
 
-    These pairs touch in sampled poses of the arm. Three kinds of pairs are left out: links with at most one link
-    between them (their capsules overlap, the real links do not), pairs that touch at the seed pose, and pairs that
-    touch in most poses, see ``ALWAYS_SHARE``.
+    These pairs touch in sampled poses of the arm. Excluded are pairs with at most one link between them, because their
+    capsules overlap although the real links do not. Also excluded are pairs that touch at the seed pose, and pairs that
+    touch in most poses, see ``PERMANENT_CONTACT_SHARE``.
     """
     spec = robot_spec(robot, arm, appearance=False)
     for geom in spec.geoms:
@@ -61,7 +61,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     return frozenset(
         pair
         for pair, count in found.items()
-        if count < ALWAYS_SHARE * SAMPLES and pair not in at_seed and not _are_near(model, pair)
+        if count < PERMANENT_CONTACT_SHARE * SAMPLES and pair not in at_seed and not _are_near(model, pair)
     )
 
 

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 
 SEGMENTS = 28
+"""Default number of vertices around a loft."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise from outside."""
+    """A triangle mesh: vertices (V, 3) in metres, and triangles (F, 3), counter-clockwise when seen from outside."""
 
     vertices: FloatArray
     faces: NDArray[np.integer[Any]]
@@ -33,7 +34,7 @@ class Section:
 
 
 def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
-    """A surface through cross-sections in the given order, closed by a point at both ends.
+    """Returns a surface through cross-sections in the given order, closed at both ends.
 
     For a shell, list the sections of the outside upwards, then the sections of the inside downwards.
     """
@@ -41,7 +42,7 @@ def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
 
 
 def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
-    """A round tube along a polyline (P, 3), closed at both ends."""
+    """Returns a round tube along a polyline (P, 3), closed at both ends."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     helper = np.where(np.abs(tangents[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -54,7 +55,7 @@ def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
 
 
 def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
-    """A torus around the x axis, centred at the origin."""
+    """Returns a torus around the x axis, centred at the origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[:, None]
     roll = np.linspace(0.0, 2.0 * np.pi, tube_segments, endpoint=False)[None, :]
     distance = radius_m + tube_radius_m * np.cos(roll)
@@ -71,7 +72,7 @@ def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segmen
 
 
 def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
-    """A solid of revolution about z. The profile (radius, z) begins and ends on the axis."""
+    """Returns a solid of revolution about z. The profile (radius, z) begins and ends on the axis."""
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     rings = np.stack(
         [
@@ -127,7 +128,7 @@ def _outward(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> NDArray[n
 
 
 def rounded_polyline(points: list[list[float]], per_corner: int = 6) -> FloatArray:
-    """A polyline (P, 3) with corners replaced by quadratic arcs of ``per_corner`` points."""
+    """Returns a polyline (P, 3) in which arcs of ``per_corner`` points replace the corners."""
     p = np.asarray(points, float)
     pieces = [p[:1]]
     for before, corner, after in zip(p[:-2], p[1:-1], p[2:], strict=True):

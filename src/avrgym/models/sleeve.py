@@ -1,7 +1,7 @@
 """The sleeve of a gown, held open by a hoop with a gap and a handle.
 
-The origin of the tool's frame is the centre of the opening; y is the direction in which the sleeve is drawn, along the
-arm to the shoulder. Hands hold the handle with the same grip as the washcloth.
+The origin of the tool's frame is the centre of the opening. The y axis points along the arm to the shoulder: the robot
+moves the sleeve in this direction. Hands hold the handle with the same grip as the washcloth.
 """
 
 from itertools import pairwise
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
-from avrgym.models.cloth import Cloth, add_holds
+from avrgym.models.cloth import Cloth, add_attachment_sites
 from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_visual
 from avrgym.models.tools import Tool
 from avrgym.models.washcloth import WASHCLOTH
 
-AROUND, RINGS = 8, 5
+VERTICES_PER_RING, RINGS = 8, 5
 """Number of vertices around the sleeve, and of rings along it."""
 OPENING_RADIUS_M, END_RADIUS_M, LENGTH_M = 0.095, 0.085, 0.28
 """Radii at the opening and at the far end, and length: a short sleeve that leaves the hand free."""
-HELD = (5, 6, 7, 0, 1, 2)
+ATTACHED_VERTICES = (5, 6, 7, 0, 1, 2)
 """Vertices of the opening that are fixed to the hoop. The gap of the hoop is wider than an arm, and is on the side
 opposite to the robot's hand."""
 _HOOP_RADIUS_M, _HANDLE_M = 0.005, 0.05
@@ -33,11 +33,11 @@ _HOOP_RGB, _GOWN_RGB = (0.92, 0.92, 0.90), (0.36, 0.62, 0.72)
 
 def _vertices() -> FloatArray:
     """Rest positions (V, 3), ring by ring from the opening."""
-    angle = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
+    angle = 2.0 * np.pi * (np.arange(VERTICES_PER_RING) + 0.5) / VERTICES_PER_RING
     share = np.linspace(0.0, 1.0, RINGS)
     radius = OPENING_RADIUS_M + share * (END_RADIUS_M - OPENING_RADIUS_M)
     x, z = (-np.outer(radius, part) for part in (np.cos(angle), np.sin(angle)))
-    y = np.tile(-LENGTH_M * share[:, None], (1, AROUND))
+    y = np.tile(-LENGTH_M * share[:, None], (1, VERTICES_PER_RING))
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
@@ -45,35 +45,38 @@ def _faces() -> NDArray[np.int64]:
     """Triangles (F, 3). Their diagonals alternate; parallel diagonals would twist the sleeve."""
     found: list[tuple[int, int, int]] = []
     for ring in range(RINGS - 1):
-        for place in range(AROUND):
-            a, b = ring * AROUND + place, ring * AROUND + (place + 1) % AROUND
-            c, d = a + AROUND, b + AROUND
+        for place in range(VERTICES_PER_RING):
+            a, b = (
+                ring * VERTICES_PER_RING + place,
+                ring * VERTICES_PER_RING + (place + 1) % VERTICES_PER_RING,
+            )
+            c, d = a + VERTICES_PER_RING, b + VERTICES_PER_RING
             found += [(a, b, d), (a, d, c)] if (ring + place) % 2 else [(a, b, c), (b, d, c)]
     return np.array(found)
 
 
 GOWN = Cloth(
     name="sleeve",
-    start=_vertices(),
+    initial_pos=_vertices(),
     faces=_faces(),
-    held=HELD,
+    attached_vertices=ATTACHED_VERTICES,
     mass_kg=0.06,
     thickness_m=0.003,
-    young_pa=5e4,
-    poisson=0.1,
+    young_modulus_pa=5e4,
+    poisson_ratio=0.1,
     damping_s=0.02,
     radius_m=0.006,
     friction=0.2,
     rgb=_GOWN_RGB,
 )
-"""Assumptions: the mass per area of terry cloth (0.35 kg/m²), and the stiffness of a padded garment with large folds.
-Finer folds need more vertices."""
+"""The cloth of the sleeve. Assumptions: the mass per area of terry cloth (0.35 kg/m²), and the stiffness of a padded
+garment. Finer folds need more vertices."""
 
 
 def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     """Build a hoop of rods along the held vertices, and a handle."""
-    add_holds(body, GOWN)
-    rim = GOWN.start[list(HELD)]
+    add_attachment_sites(body, GOWN)
+    rim = GOWN.initial_pos[list(ATTACHED_VERTICES)]
     for number, (begin, end) in enumerate(pairwise(rim)):
         add_collision(
             body, f"hoop_{number}", CAPSULE, collision_bits.TOOL,
@@ -93,7 +96,7 @@ def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
 SLEEVE = Tool(
     "sleeve",
     _build,
-    grip_pos=(float(GOWN.start[list(HELD), 0].min()) - _GRIP_ON_HANDLE_M, 0.0, 0.0),
+    grip_pos=(float(GOWN.initial_pos[list(ATTACHED_VERTICES), 0].min()) - _GRIP_ON_HANDLE_M, 0.0, 0.0),
     particles=None,
     cloth=GOWN,
     grip=WASHCLOTH.name,

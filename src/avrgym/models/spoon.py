@@ -1,4 +1,4 @@
-"""The spoon and its food."""
+"""Spoons with food, for feeding."""
 
 import math
 from collections.abc import Mapping
@@ -33,20 +33,21 @@ _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 
 @lru_cache
-def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
-    """Returns a spoon of the size ``size`` with ``pieces`` pieces of food: spheres of radius 5 mm and 1 g in one layer.
-    If the layer is not full, the pieces are in the middle.
+def make_spoon(size: str = "medium", pieces: int | None = None) -> Tool:
+    """Returns a spoon with ``pieces`` pieces of food.
+
+    Each piece is a sphere of radius 5 mm and 1 g. The pieces are in one layer, in the middle of the spoon.
 
     Raises:
         ValueError: for an unknown size, and for more pieces than fit on the spoon.
     """
     if size not in SIZES:
-        raise ValueError(f"tool is {size!r}; the spoons are {', '.join(SIZES)}")
+        raise ValueError(f"unknown size of spoon {size!r}; allowed: {', '.join(SIZES)}")
     bowl, floor = (tuple(SIZES[size] * each for each in half) for half in (_BOWL, _FLOOR))
     places = _places(floor)
-    count = min(len(FOOD.start), len(places)) if pieces is None else pieces
+    count = min(len(FOOD.initial_pos), len(places)) if pieces is None else pieces
     if count > len(places):
-        raise ValueError(f"particles is {pieces}; a {size} spoon has room for 1 to {len(places)}")
+        raise ValueError(f"particles is {pieces}; allowed on a {size} spoon: 1 to {len(places)}")
     middle = np.argsort(np.hypot(*places[:, :2].T), kind="stable")[:count]
     rim = tuple(half + lean + _WALL for half, lean in zip(floor, _LEAN, strict=True))
     bottom_z = _FLOOR_Z - _WALL
@@ -54,7 +55,7 @@ def spoon(size: str = "medium", pieces: int | None = None) -> Tool:
         "spoon",
         partial(_build_spoon, bowl, floor),
         grip_pos=(0.02 + bowl[0] - SPOON_LENGTH_M, 0.0, 0.0),
-        particles=replace(FOOD, start=places[np.sort(middle)]),
+        particles=replace(FOOD, initial_pos=places[np.sort(middle)]),
         hull=Hull(
             ("spoon_floor", "spoon_left", "spoon_right", "spoon_front", "spoon_back"),
             BOX,
@@ -81,8 +82,10 @@ def _places(floor: tuple[float, ...]) -> FloatArray:
     return _grid(along, across, _FOOD_Z)
 
 
-FOOD = Particles(name="food", start=_places(_FLOOR), radius_m=0.005, mass_kg=0.001, rgb=(0.86, 0.45, 0.16))
-"""Eight spheres, radius 5 mm, 1 g (paper, section IV; reference)."""
+FOOD = Particles(
+    name="food", initial_pos=_places(_FLOOR), radius_m=0.005, mass_kg=0.001, rgb=(0.86, 0.45, 0.16)
+)
+"""Food on the default spoon: eight spheres of radius 5 mm and 1 g (paper, section IV; reference)."""
 
 
 def _build_spoon(
@@ -141,5 +144,5 @@ def _add_spoon_skin(
     add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
 
 
-SPOON = spoon()
+SPOON = make_spoon()
 """The default spoon, with eight pieces."""

@@ -15,17 +15,18 @@ from avrgym.models.cloth import Cloth
 from avrgym.models.geoms import SPHERE, add_collision, add_material, add_visual
 
 BODY = "tool"
+"""Name of the tool's body, without the robot's prefix."""
 
 
 @dataclass(frozen=True, eq=False)
 class Particles:
     """Small spheres that a tool carries: food or water.
 
-    ``start`` are their centres (K, 3) in the tool's frame, metres. ``fluid`` particles have no friction.
+    ``initial_pos`` are their initial centres (K, 3) in the tool's frame, metres. ``fluid`` particles have no friction.
     """
 
     name: str
-    start: FloatArray
+    initial_pos: FloatArray
     radius_m: float
     mass_kg: float
     rgb: tuple[float, float, float]
@@ -34,13 +35,16 @@ class Particles:
     @property
     def bodies(self) -> tuple[str, ...]:
         """Body names. The slide joints of each are ``<body>_x``, ``_y`` and ``_z``."""
-        return tuple(f"{self.name}_{i}" for i in range(len(self.start)))
+        return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """Collision shape that replaces a tool's thin ``walls`` in contacts with people: type, centre and MuJoCo size in
-    the tool's frame."""
+    """Collision shape that replaces a tool's thin walls in contacts with people.
+
+    ``walls`` are the names of the replaced geoms. The shape has a type, a centre ``pos`` and a MuJoCo ``size``, in the
+    tool's frame.
+    """
 
     walls: tuple[str, ...]
     shape: mujoco.mjtGeom
@@ -50,11 +54,18 @@ class Hull:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool: build function, grip position (3,) in the tool's frame, and particles or cloth.
+    """A tool of the robot, with particles or cloth.
 
-    ``pad`` is the name of the body that touches people. It is not the tool's body if the touching part moves relative
-    to the tool. ``outline`` are points (P, 3) on the outside of the part that enters the mouth. ``grip`` is the name of
-    another tool with the same handle: robots hold this tool with the grip for the other tool.
+    Attributes:
+        name: name of the tool.
+        build: adds the tool to a body of a model. The last argument: whether to add visual geoms.
+        grip_pos: point that the hand holds (3,), tool's frame, metres.
+        particles: food or water on the tool.
+        pad: name of the body that touches people, if it moves relative to the tool.
+        hull: collision shape that replaces thin walls.
+        outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
+        cloth: cloth that is attached to the tool.
+        grip: name of another tool with the same handle. Robots hold this tool with the grip for the other tool.
     """
 
     name: str

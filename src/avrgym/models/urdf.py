@@ -27,7 +27,7 @@ ARMATURE_KG_M2, ARMATURE_KG = 0.05, 1.0
 """Motor inertia of hinges and of slides, because URDF contains none. The value of hinges is that of the Jaco's
 wrist."""
 GREY = (0.75, 0.75, 0.77)
-ROOT = "world"
+WORLD_LINK = "world"
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
 
@@ -43,7 +43,7 @@ class Urdf:
     find_mesh: Callable[[str], Path]
 
     def limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Speed limits (rad/s) and torque limits (N·m) of joints, (J,) each.
+        """Returns the speed limits (rad/s) and torque limits (N·m) of joints, (J,) each.
 
         Raises:
             ValueError: for a joint without limits.
@@ -55,9 +55,9 @@ class Urdf:
         )  # type: ignore[return-value]
 
     def spec(self, *, appearance: bool) -> mujoco.MjSpec:
-        """The model. Its root body has the name of the root link.
+        """Returns the MuJoCo model. Its root body has the name of the root link.
 
-        Gravity is compensated. Each collision shape becomes a capsule; visual shapes are added with ``appearance``.
+        Gravity is compensated. A capsule replaces each collision shape. ``appearance``: whether to add visual shapes.
         Continuous joints get a range of ±2 turns.
 
         Raises:
@@ -119,7 +119,7 @@ class _Shape:
 
 @cache
 def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
-    """Parts of a mesh file, each with one colour, in the frame of the file.
+    """Returns the parts of a mesh file, each with one colour, in the frame of the file.
 
     Raises:
         ValueError: if the file cannot be read.
@@ -133,7 +133,7 @@ def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
 
 
 def colour_of(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
-    """Red, green and blue of a mesh, 0 to 1; grey if its file contains no colour."""
+    """Returns red, green and blue of a mesh, 0 to 1; grey if its file contains no colour."""
     colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
     return GREY if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
 
@@ -160,7 +160,7 @@ def add_mesh(
 
 
 def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
-    """Axis ends (2, 3) and radius of a capsule around points (V, 3), along their longest extent.
+    """Returns axis ends (2, 3) and radius of a capsule around points (V, 3), along their longest extent.
 
     The axis is in the middle of the bounding box along the principal axes.
     """
@@ -196,21 +196,21 @@ def _read(text: str) -> Element:
     """
     if re.search(r"xmlns:xacro|<xacro:|\$\(find ", text):
         raise ValueError(
-            "the description is xacro, not URDF; expand it: `pip install xacrodoc`, then "
+            "the file is xacro; allowed: URDF. Expand it: `pip install xacrodoc`, then "
             "`xacrodoc FILE.xacro -d FOLDER_OF_PACKAGES -o FILE.urdf` (in ROS: `xacro FILE.xacro > FILE.urdf`)"
         )
     try:
         robot = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ValueError(
-            f"the description is not XML: {error}; allowed: the text of a URDF file, not its path"
+            f"the URDF is not XML: {error}; allowed: the text of a URDF file, not its path"
         ) from error
     if robot.tag != "robot":
-        raise ValueError(f"the root element is <{robot.tag}>; allowed: <robot>, as in URDF")
+        raise ValueError(f"the root element of the URDF is <{robot.tag}>; allowed: <robot>")
     for joint in robot.findall("joint"):
         if joint.get("type") not in JOINT_TYPES:
             raise ValueError(
-                f"the joint {joint.get('name')!r} is {joint.get('type')}; allowed: {', '.join(JOINT_TYPES)}"
+                f"joint {joint.get('name')!r} has the type {joint.get('type')!r}; allowed: {', '.join(JOINT_TYPES)}"
             )
     return robot
 
@@ -222,11 +222,11 @@ def _make_importable(robot: Element) -> None:
         for kind in ("visual", "collision"):
             for shape in link.findall(kind):
                 link.remove(shape)
-        if link.attrib["name"] not in children and link.attrib["name"] != ROOT:
+        if link.attrib["name"] not in children and link.attrib["name"] != WORLD_LINK:
             anchor = ElementTree.SubElement(robot, "joint", name="anchor", type="fixed")
-            ElementTree.SubElement(anchor, "parent", link=ROOT)
+            ElementTree.SubElement(anchor, "parent", link=WORLD_LINK)
             ElementTree.SubElement(anchor, "child", link=link.attrib["name"])
-            ElementTree.SubElement(robot, "link", name=ROOT)
+            ElementTree.SubElement(robot, "link", name=WORLD_LINK)
     extension = ElementTree.SubElement(robot, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false")
 
@@ -265,5 +265,7 @@ def _numbers(text: str) -> FloatArray:
 
 def _limit(joint: str, limit: Element | None, key: str) -> float:
     if limit is None or key not in limit.attrib:
-        raise ValueError(f"joint {joint!r} has no {key} limit in the URDF; add {key}=… to its <limit>")
+        raise ValueError(
+            f"joint {joint!r} of the URDF has no {key} limit; add {key}=… to its <limit> element"
+        )
     return float(limit.attrib[key])

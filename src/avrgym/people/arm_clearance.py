@@ -63,7 +63,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
         length zero.
     """
     xp = namespace(people.torso_height_m)
-    layout = human.layout_of(people, posture)
+    layout = human.layout_of_people(people, posture)
     pos_w, q_w = human.body_frames(people, posture)
     segments: list[FloatArray] = []
     for name, geom in GEOMS.items():

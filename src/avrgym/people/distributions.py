@@ -174,8 +174,8 @@ def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatAr
     have both upper arms raised sideways, by at least ``ARMREST_RAISE_RAD``."""
     if posture.hips_pos_w is not None:
         return poses
-    xp, p = namespace(poses), human.layout_of(people, posture).proportions
-    half_width = namespace(poses).ones_like(people.stature_m) * (p.shoulder_side + p.upper_arm_radius)
+    xp, p = namespace(poses), human.layout_of_people(people, posture).proportions
+    half_width = namespace(poses).ones_like(people.stature_m) * (p.shoulder_offset_x + p.upper_arm_radius)
     wide = (half_width > ARMREST_HALF_WIDTH_M)[:, None]
     poses = float_copy(poses)
     for joint, raised in (("right_shoulder_y", ARMREST_RAISE_RAD), ("left_shoulder_y", -ARMREST_RAISE_RAD)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import COMMAND, STATE_ENTRY
+from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError
 from avrgym.safety.pacing import COMMAND_INPUT
@@ -34,7 +34,7 @@ class OnnxController:
         """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
         self._session = session
         self._inputs = {
-            COMMAND if tensor.name == COMMAND else STATE_ENTRY: (
+            COMMAND_ENTRY if tensor.name == COMMAND_ENTRY else STATE_ENTRY: (
                 tensor.name,
                 DTYPES[tensor.type],
                 len(tensor.shape) == 2,
@@ -76,11 +76,11 @@ def find_onnx(
     except Exception as error:  # the runtime's exceptions have no other common base
         raise PolicyError(f"{path}: not a readable .onnx file ({' '.join(str(error).split())})") from error
     inputs = list(session.get_inputs())
-    commands = [tensor for tensor in inputs if tensor.name == COMMAND]
+    commands = [tensor for tensor in inputs if tensor.name == COMMAND_ENTRY]
     for kind, tensors, size in (
         ("input", [tensor for tensor in inputs if tensor not in commands], observation_size),
         ("output", list(session.get_outputs()), action_size),
-        *([(COMMAND, commands, len(COMMAND_INPUT))] if commands else []),
+        *([(COMMAND_ENTRY, commands, len(COMMAND_INPUT))] if commands else []),
     ):
         _check(path, environment_id, kind, tensors, size)
     return ExternalController(os.fspath(path), lambda: OnnxController(session), takes_commands=bool(commands))

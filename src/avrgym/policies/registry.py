@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import COMMAND, STATE_ENTRY, AnyCamera, AnyObservation, CameraSpec, as_cameras
+from avrgym.models.cameras import (
+    COMMAND_ENTRY,
+    STATE_ENTRY,
+    AnyCamera,
+    AnyObservation,
+    CameraSpec,
+    as_cameras,
+)
 from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
@@ -16,10 +23,10 @@ from avrgym.policies.controllers import ExternalController
 from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
-from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
+from avrgym.robots.registry import SKIPPED_PLUGINS as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
+from avrgym.tasks.registry import SKIPPED_PLUGINS as BROKEN_TASKS
 from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
 
@@ -240,7 +247,7 @@ def controller_observations(
         return [*observations]
     images = world.images(cameras) if cameras else {}
     if policy.takes_commands:
-        images = {**images, COMMAND: world.loop.command_input()}
+        images = {**images, COMMAND_ENTRY: world.loop.command_input()}
     return [
         {STATE_ENTRY: row, **{name: image[number] for name, image in images.items()}}
         for number, row in enumerate(observations)

@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.commands.input_names import InputMethod, StopWay
-from avrgym.models.body_names import PART_LABELS, Part
+from avrgym.models.body_names import BODY_PART_LABELS, BodyPart
 from avrgym.recording.presentation import Presentation
 
 Arm = Literal["left", "right"]
@@ -116,7 +116,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         unusable = {*self.resting_arms, *self.absent_arms}
         return tuple(arm for arm in ARMS if arm in USED_ARMS.get(self.method, ()) and arm not in unusable)
 
-    def needs(self, part: Part) -> bool:
+    def needs(self, part: BodyPart) -> bool:
         """Whether tracking of a body part can get lost. Resting and absent arms never count as lost."""
         return part == "head" or part in self.used_arms
 
@@ -131,7 +131,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "resting": self.resting_arms,
             "absent": self.absent_arms,
         }
-        named = [f"{word}: {PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
+        named = [f"{word}: {BODY_PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
         stops = "stop by " + ", ".join(self.stop_ways)
         parts = [self.method, settings.get(self.method, ""), *named, stops, self.presentation.describe()]
         return "; ".join(filter(None, parts))

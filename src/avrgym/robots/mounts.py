@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.models.collision_bits import COLLISION_GROUP
 from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_material, add_visual
-from avrgym.models.robot import BaseRange, Mount, Place
+from avrgym.models.robot import BaseRange, Mount, PersonLocation
 
 STAND_BODY = "stand"
 HALF_WIDTH_M = 0.18
@@ -17,22 +17,22 @@ HALF_WIDTH_M = 0.18
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
 
-def on_furniture(
-    on_wheelchair_m: tuple[float, float, float],
-    shoulder_m: float,
+def mounts_on_furniture(
+    base_pos_w: tuple[float, float, float],
+    max_shoulder_height_m: float,
     left_pos_w: tuple[float, float, float] | None = None,
-) -> Mapping[Place, Mount]:
-    """Mounts on a bracket of the wheelchair, and on a nightstand next to the bed.
+) -> Mapping[PersonLocation, Mount]:
+    """Returns mounts on a bracket of the wheelchair, and on a nightstand next to the bed.
 
     Args:
-        on_wheelchair_m: position of the arm's base on the wheelchair, world frame.
-        shoulder_m: maximum height of the shoulder above the base.
-        left_pos_w: position on the wheelchair's left side; ``None``: mirrored.
+        base_pos_w: position of the arm's base on the wheelchair, world frame.
+        max_shoulder_height_m: maximum height of the shoulder above the base.
+        left_pos_w: position on the wheelchair's left side; ``None``: mirrored from the right side.
     """
     yaw_rad = -0.5 * np.pi
-    bracket = partial(add_bracket, mount_m=on_wheelchair_m, shoulder_m=shoulder_m)
+    bracket = partial(add_bracket, mount_m=base_pos_w, max_shoulder_height_m=max_shoulder_height_m)
     return {
-        "wheelchair": Mount(on_wheelchair_m, yaw_rad, carrier=bracket, left_pos_w=left_pos_w),
+        "wheelchair": Mount(base_pos_w, yaw_rad, carrier=bracket, left_pos_w=left_pos_w),
         "bed": Mount(
             NIGHTSTAND_TOP_M,
             yaw_rad,
@@ -44,7 +44,7 @@ def on_furniture(
 
 
 def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
-    """Add the shape of a stand of this height to the body ``stand``, and place the arm's base on top."""
+    """Add geoms of a stand with the height ``height_m`` to the body ``stand``. Move the arm's base to its top."""
     body = spec.body(STAND_BODY)
     spec.body(base).pos = [0.0, 0.0, height_m]
     foot = [HALF_WIDTH_M, HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
@@ -59,7 +59,9 @@ def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bo
             add_visual(body, CYLINDER, paint, size=[radius, 0, 0], fromto=[0, 0, low, 0, 0, high])
 
 
-def next_to_person(x_m: float, y_m: float) -> Mount:
-    """The mount of a stand on the person's right side. A search at the start of each episode determines the pose of the
-    stand."""
+def mount_next_to_person(x_m: float, y_m: float) -> Mount:
+    """Returns the mount of a stand on the person's right side, at the nominal position (x, y).
+
+    A search at the start of each episode determines the pose of the stand.
+    """
     return Mount((x_m, y_m, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))

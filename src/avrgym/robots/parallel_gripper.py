@@ -14,7 +14,7 @@ CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 
 """Rotation of a cup relative to a spoon: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: the washcloth's z axis is across the fingers."""
-OUT_ALONG_Z = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+SPOON_ALONG_HAND_Z = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """Rotation of a spoon in a hand whose z axis points out of the hand, and whose y axis is across the fingers."""
 TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
@@ -26,21 +26,24 @@ TOOL_ROTATIONS = {
 
 
 def parallel_grips(
-    between_tips_m: ArrayLike, tip_end_m: float, pointing: FloatArray, **fingers: Mapping[str, float]
+    grip_point_m: ArrayLike,
+    fingertip_length_m: float,
+    tool_rotation: FloatArray,
+    **fingers: Mapping[str, float],
 ) -> dict[str, Grip]:
-    """Returns grips by tool. The fingers hold the scratcher farther behind its tip than other tools.
+    """Returns grips by tool name. The fingers hold the scratcher farther behind its tip than other tools.
 
     Args:
-        between_tips_m: point between the fingertips (3,), end effector's frame.
-        tip_end_m: distance from there to the end of the fingertips.
-        pointing: rotation (4,) of a tool with x out of the hand and y across the fingers, end effector's frame.
+        grip_point_m: point between the fingertips (3,), end effector's frame.
+        fingertip_length_m: distance from this point to the end of the fingertips.
+        tool_rotation: rotation (4,) of a spoon, x out of the hand and y across the fingers, end effector's frame.
         **fingers: positions of the finger joints by tool.
     """
-    out, between = transforms.rotate(pointing, [1.0, 0.0, 0.0]), np.asarray(between_tips_m, float)
+    out, between = transforms.rotate(tool_rotation, [1.0, 0.0, 0.0]), np.asarray(grip_point_m, float)
     return {
         tool: Grip(
-            between - (PINCH_M - tip_end_m) * out if tool == SCRATCHER.name else between,
-            transforms.multiply(pointing, TOOL_ROTATIONS[tool]),
+            between - (PINCH_M - fingertip_length_m) * out if tool == SCRATCHER.name else between,
+            transforms.multiply(tool_rotation, TOOL_ROTATIONS[tool]),
             positions,
         )
         for tool, positions in fingers.items()

@@ -16,6 +16,7 @@ from avrgym.system.optional_robots import MISSING, how_to_add
 _PACKAGED = (JACO, PR2, PANDA, GEN3, UR5, STRETCH)
 _robots: dict[str, Robot] = {robot.name: robot for robot in _PACKAGED if robot.name not in MISSING}
 ROBOTS: Mapping[str, Robot] = _robots
+"""Registered robots by name."""
 
 
 def register(robot: Robot) -> None:
@@ -25,17 +26,17 @@ def register(robot: Robot) -> None:
         ValueError: if the name is in use or the record is invalid. Nothing is added then.
     """
     if robot.name in _robots:
-        raise ValueError(f"a robot named {robot.name} is already registered")
+        raise ValueError(f"a robot with the name {robot.name} is already registered; allowed: another name")
     check_robot(robot)
     _robots[robot.name] = robot
 
 
-BROKEN = plugins.load_plugins(plugins.ROBOTS, Robot, register)
-"""Error messages of plug-ins that cannot be used and are skipped."""
+SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOTS, Robot, register)
+"""Skipped plug-ins with their error messages."""
 
 
 def find_robot(name: str) -> Robot:
-    """The robot with this name.
+    """Returns the robot with this name.
 
     Raises:
         ValueError: for an unknown name. The message lists the robots.

@@ -8,7 +8,7 @@ import rtbdata
 
 
 def rtb_data_path(path: str) -> Path:
-    """Path of a folder or file of the package, such as ``kinova_description/meshes``."""
+    """Returns the path of a folder or file of the package, such as ``kinova_description/meshes``."""
     return Path(next(iter(rtbdata.__path__))) / "xacro" / path
 
 
@@ -22,7 +22,7 @@ def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> N
         from avrgym.models.urdf import add_mesh, colour_of, read_mesh
     except ImportError as error:
         raise RuntimeError(
-            f"pictures of this robot need {error.name}; `pip install avrgym[vr]` installs it"
+            f"the package {error.name} is missing, so the robot's meshes cannot be read; run `pip install avrgym[vr]`"
         ) from error
 
     for body, file in meshes.items():

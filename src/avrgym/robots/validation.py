@@ -10,8 +10,8 @@ import numpy as np
 from avrgym.geometry import kinematics
 from avrgym.geometry.kinematics import SLIDE
 from avrgym.models import robot as models
-from avrgym.models.cameras import SCENE, WRIST
-from avrgym.models.robot import PLACES, SIDES, Arm, Robot
+from avrgym.models.cameras import SCENE_CAMERA, WRIST_CAMERA
+from avrgym.models.robot import PERSON_LOCATIONS, SIDES, Arm, Robot
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_JOINTS = 6
@@ -28,22 +28,22 @@ def check_robot(robot: Robot) -> None:
     """
     wrong = list(_check_names(robot)) or list(_check_model(robot))
     if wrong:
-        raise ValueError(f"the robot {robot.name!r} cannot be used: {'; '.join(wrong)}")
+        raise ValueError(f"robot {robot.name!r} is invalid: {'; '.join(wrong)}")
 
 
 def _check_names(robot: Robot) -> Iterator[str]:
     if not re.fullmatch("[A-Z][A-Za-z0-9]*", robot.name):
-        yield "its name is part of environments' names; allowed: a capital letter, then letters and digits"
+        yield "its name cannot be part of an environment id; allowed: a capital letter, then letters and digits"
     yield from _check_keys("arms", robot.arms, SIDES)
-    yield from _check_keys("mounts", robot.mounts, PLACES)
+    yield from _check_keys("mounts", robot.mounts, PERSON_LOCATIONS)
     if not robot.grips:
         yield "it has no grips; allowed: at least one, by the name of the tool"
     for side, arm in robot.arms.items():
         yield from _check_arm(side, arm, robot.drive is not None)
     yield from _check_drive(robot)
     for name, mount in robot.cameras.items():
-        if not name.isidentifier() or name in (WRIST, SCENE):
-            yield f"unknown camera name {name!r}; allowed: identifiers except {WRIST} and {SCENE}"
+        if not name.isidentifier() or name in (WRIST_CAMERA, SCENE_CAMERA):
+            yield f"unknown camera name {name!r}; allowed: identifiers except {WRIST_CAMERA} and {SCENE_CAMERA}"
         if not np.isfinite(mount.pos_m).all() or not np.cross(mount.forward, mount.up).any():
             yield (
                 f"the camera {name!r} has the position {mount.pos_m}, forward {mount.forward} and up {mount.up}; "
@@ -67,7 +67,7 @@ def _check_drive(robot: Robot) -> Iterator[str]:
             yield f"{name} of its drive is {value}; allowed: above 0"
     carried = [place for place, mount in robot.mounts.items() if not mount.on_floor]
     if carried:
-        yield f"it drives, but furniture carries it next to {', '.join(carried)}; allowed: mounts without a carrier"
+        yield f"it drives, but its mounts next to {', '.join(carried)} have a carrier; allowed: mounts on the floor"
 
 
 def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
@@ -85,9 +85,9 @@ def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
         if values.shape != (count,):
             yield f"{name} of its {side} arm has shape {values.shape}; allowed: ({count},), a number for each joint"
         elif not np.isfinite(values).all():
-            yield f"{name} of its {side} arm is not finite"
+            yield f"{name} of its {side} arm is {values.tolist()}; allowed: finite numbers"
         elif name != "seed_pose" and not (values > 0.0).all():
-            yield f"{name} of its {side} arm must be above 0"
+            yield f"{name} of its {side} arm is {values.tolist()}; allowed: numbers above 0"
 
 
 def _check_model(robot: Robot) -> Iterator[str]:
@@ -146,9 +146,9 @@ def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
     turns = np.maximum(np.abs(way.lower), np.abs(way.upper))
     for number, (joint, turn) in enumerate(zip(arm.joints, turns, strict=True)):
         if number not in way.slides and turn > MAX_JOINT_ANGLE_RAD + 1e-9:
-            yield f"{joint} needs a range; allowed: within two turns, −2π to 2π"
+            yield f"joint {joint!r} has no range or a larger one; allowed: within −2π to 2π"
         if number in way.slides and not np.isfinite(turn):
-            yield f"{joint} needs a range; allowed: metres between two finite ends"
+            yield f"joint {joint!r} has no range; allowed: two finite limits in metres"
     outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
     for joint in np.array(arm.joints)[outside]:
-        yield f"the seed pose of its {side} arm is outside the range of {joint}"
+        yield f"the seed pose of its {side} arm is outside the range of joint {joint!r}; allowed: within all ranges"

@@ -122,7 +122,7 @@ def search(
         cost = path_cost(bases.pos_w[rows], bases.yaw_rad[rows], arms.joint_positions[rows])
         index = ranked[np.arange(count), cost.argmin(axis=-1)]
     best = index + per_world * np.arange(count)
-    arm = kinematics.solve(chain, pos[best], q[best], arms.joint_positions[best])
+    arm = kinematics.inverse_kinematics(chain, pos[best], q[best], arms.joint_positions[best])
     return BaseChoice(
         index=index,
         base=_rows(bases, best),
@@ -223,7 +223,7 @@ def _solve_within_reach(
     missing reach, and their rotation error is π."""
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
-    found = kinematics.solve(
+    found = kinematics.inverse_kinematics(
         chain, pos[rows], None if q is None else q[rows], start[rows],
         iterations=iterations, tolerance=tolerance, precision=np.float32,
     )  # fmt: skip

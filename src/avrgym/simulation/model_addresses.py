@@ -33,7 +33,7 @@ class ModelAddresses:
         self.arm_qpos = _qpos(model, arm)
         self.arm_ctrl = actuators(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
-        self.followers = _followers(model)
+        self.mimic_joints = _followers(model)
         drives = scene.robot.drive is not None
         self.drive_qpos = _qpos(model, [robot.PREFIX + joint for joint in DRIVE_JOINTS if drives])
         self.drive_ctrl = actuators(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
@@ -44,7 +44,7 @@ class ModelAddresses:
         self.head = model.body(human.PREFIX + "head").id
         self.hips = model.body(human.PREFIX + "hips").id
         self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
-        self.placed = {name: model.body(name).id for name in scene.movable}
+        self.placed = {name: model.body(name).id for name in scene.movable_bodies}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
@@ -75,7 +75,7 @@ class ModelAddresses:
         return there
 
 
-class Follower(NamedTuple):
+class MimicJoint(NamedTuple):
     """A joint that mimics another: indices of both in qpos, and the polynomial's coefficients (5,)."""
 
     qpos: int
@@ -83,10 +83,10 @@ class Follower(NamedTuple):
     polynomial: FloatArray
 
 
-def _followers(model: mujoco.MjModel) -> tuple[Follower, ...]:
+def _followers(model: mujoco.MjModel) -> tuple[MimicJoint, ...]:
     """The joints that mimic other joints: equality constraints couple them."""
     return tuple(
-        Follower(
+        MimicJoint(
             int(model.jnt_qposadr[model.eq_obj1id[each]]),
             int(model.jnt_qposadr[model.eq_obj2id[each]]),
             polynomial,

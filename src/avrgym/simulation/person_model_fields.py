@@ -37,7 +37,7 @@ class PersonModelFields:
             self._dofs = model.jnt_dofadr[[model.joint(human.PREFIX + name).id for name in human.JOINTS]]
 
     def write(self, ids: IntArray, people: People) -> None:
-        layout = human.layout_of(people, self._posture)
+        layout = human.layout_of_people(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
         for name, geom in self._geoms.items():

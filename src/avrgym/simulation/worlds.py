@@ -147,7 +147,7 @@ class Simulation:
         self.batch.set_const(ids)
         self._person.make_contacts_compliant(ids)
         host.qpos[np.ix_(ids, names.arm_qpos)] = start.joint_positions
-        for joint in names.followers:
+        for joint in names.mimic_joints:
             leader = host.qpos[ids, joint.leader_qpos]
             host.qpos[ids, joint.qpos] = sum(
                 share * leader**power for power, share in enumerate(joint.polynomial)
@@ -193,7 +193,7 @@ class Simulation:
         tool_pos, tool_q = host.xpos[ids, names.tool], host.xquat[ids, names.tool]
         for part, qpos in carried:
             if part is not None:
-                pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], part.start)
+                pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], part.initial_pos)
                 host.qpos[ids[:, None, None], qpos] = pos
 
     def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:

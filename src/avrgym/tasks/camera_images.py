@@ -21,12 +21,12 @@ from avrgym.models.cameras import (
     SEGMENTATION_LABELS,
     CameraSpec,
     FixedView,
-    Kind,
+    ImageKind,
     add_cameras,
     add_surroundings,
     image_entries,
+    rendering_options,
     update_positions,
-    visible_groups,
 )
 from avrgym.models.human import Person
 from avrgym.models.human_shape import add_appearance
@@ -132,7 +132,7 @@ class _SexModel:
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
         model.vis.map.znear, model.vis.map.zfar = NEAR_M / model.stat.extent, FAR_M / model.stat.extent
         self._groups = model.geom_group.copy()
-        self._option = visible_groups()
+        self._option = rendering_options()
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nskin + 100)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -164,7 +164,7 @@ class _SexModel:
             getattr(self.model, name)[rows] = array
         self._shown = key
 
-    def render(self, camera: CameraSpec, out: dict[Kind, NumpyArray]) -> None:
+    def render(self, camera: CameraSpec, out: dict[ImageKind, NumpyArray]) -> None:
         """Render a camera's images into the arrays ``out``, by kind of image."""
         model, scene = self.model, self._scene
         view = mujoco.MjvCamera()

@@ -267,7 +267,7 @@ class Episodes:
             name: np.array(start.memory[name], array.dtype).reshape(array[:1].shape)
             for name, array in state_arrays(self.task_state).items()
         }
-        placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable}
+        placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable_bodies}
         pos_w, q_w, angles = (
             np.array([values], float)
             for values in (start.robot_pos_w, start.robot_q_w, start.joint_positions)

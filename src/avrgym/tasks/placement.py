@@ -35,7 +35,7 @@ def wheelchair_scene(
     tool: Tool,
     standing_offset_m: tuple[float, float],
     furniture: Sequence[Furniture] = (),
-    movable: Sequence[str] = (),
+    movable_bodies: Sequence[str] = (),
     chair: Furniture = add_wheelchair,
     *,
     on_left: bool = False,
@@ -46,7 +46,7 @@ def wheelchair_scene(
     mirrored to the person's left; ``side`` is still the side of the robot's arm.
 
     Raises:
-        UnsuitableError: if the robot lacks arm, mount or grip.
+        UnsuitableRobotError: if the robot lacks arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "wheelchair", side, tool)
     if mount.on_floor:
@@ -54,7 +54,7 @@ def wheelchair_scene(
         mount = replace(mount, pos_w=(x + standing_offset_m[0], y + standing_offset_m[1], z))
     if on_left:
         mount = mount.mirrored()
-    around, placed = (chair, *_carrier(mount), *furniture), (*_carried(mount), *movable)
+    around, placed = (chair, *_carrier(mount), *furniture), (*_carried(mount), *movable_bodies)
     return SceneConfig(around, placed, SEATED, robot, arm, tool, mount)
 
 
@@ -62,7 +62,7 @@ def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
     """A person in a hospital bed and a robot.
 
     Raises:
-        UnsuitableError: if the robot lacks arm, mount or grip.
+        UnsuitableRobotError: if the robot lacks arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "bed", side, tool)
     around = (add_hospital_bed, *_carrier(mount))
@@ -96,7 +96,7 @@ def planning_chain(scene: SceneConfig) -> kinematics.Chain:
     the drive gives the tool six degrees of freedom.
     """
     chain = arm_chain(scene)
-    return chain if scene.robot.drive is None else kinematics.with_travel(chain, DRIVE_TRAVEL_M)
+    return chain if scene.robot.drive is None else kinematics.prepend_slide(chain, DRIVE_TRAVEL_M)
 
 
 def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
@@ -152,7 +152,7 @@ def find_start(
         base_q = np.tile(transforms.from_axis_angle(Z_AXIS, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
         restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
-        positions = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
+        positions = kinematics.inverse_kinematics_with_restarts(chain, pos, q, seed_pose, restarts)
         if path_cost is not None:
             positions = path_cost.best_posture(base_pos, mount.yaw_rad, positions, uniforms)
     else:
@@ -167,7 +167,7 @@ def find_start(
     tool_error_m = None
     if scene.checks_reach:
         pos, _ = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-        tool_error_m = transforms.norm(kinematics.forward(chain, positions)[0] - pos)
+        tool_error_m = transforms.norm(kinematics.forward_kinematics(chain, positions)[0] - pos)
     if drives:
         base_pos = base_pos + transforms.rotate(base_q, X_AXIS) * positions[:, :1]
         positions = positions[:, 1:]

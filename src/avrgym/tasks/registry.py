@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from avrgym.models.robot import Robot, UnsuitableError, standing_robot
+from avrgym.models.robot import Robot, UnsuitableRobotError, robot_as_furniture
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
@@ -57,7 +57,7 @@ class Registry:
     def _is_suited(self, robot: Robot, task: Task) -> bool:
         try:
             task.observation(task.scene(robot))
-        except UnsuitableError:
+        except UnsuitableRobotError:
             return False
         except (Exception, SystemExit) as error:  # other people's code may raise anything
             self.broken.append(plugins.log_skipped(environment_id(task.name, robot.name), error))
@@ -77,7 +77,7 @@ _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
 """Task and robot names by environment id."""
-BROKEN: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
+SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
 """Error messages of skipped plug-ins: of tasks, and of environments of a task with a robot."""
 
 
@@ -132,7 +132,7 @@ def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
         mount = replace(mount, pos_w=(x, y, mount.pos_w[2]), yaw_rad=math.radians(yaw_deg), base_range=None)
     for number, (name, x, y, yaw_deg) in enumerate(settings.standing_by):
         furniture.append(
-            standing_robot(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
+            robot_as_furniture(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
         )
     return replace(
         scene,

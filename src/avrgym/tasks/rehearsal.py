@@ -73,7 +73,9 @@ class Rehearsal:
         limit_rad = np.full(len(world), LIMIT_MARGIN_RAD)
         for pos_w, q_w in zip(*self._path, strict=True):
             pos, q = transforms.compose(*to_base, pos_w[world], q_w[world])
-            found = kinematics.solve(self._chain, pos, q, joints, iterations=ITERATIONS, precision=np.float32)
+            found = kinematics.inverse_kinematics(
+                self._chain, pos, q, joints, iterations=ITERATIONS, precision=np.float32
+            )
             joints = found.joint_positions
             excess_m = np.maximum(found.position_error_m - ALLOWED_ERROR_M, 0.0)
             excess_rad = np.maximum(found.rotation_error_rad - ALLOWED_ERROR_RAD, 0.0)
@@ -102,7 +104,7 @@ class Rehearsal:
         yaw = np.full((count, each), yaw_rad)
         base_w = base_pos_w[world], transforms.from_axis_angle([0.0, 0.0, 1.0], yaw.reshape(-1))
         pos, q = transforms.compose(*transforms.invert(*base_w), *(part[0][world] for part in self._path))
-        found = kinematics.solve(self._chain, pos, q, starts.reshape(-1, joints))
+        found = kinematics.inverse_kinematics(self._chain, pos, q, starts.reshape(-1, joints))
         candidates = kinematics.wrap_angles(self._chain, found.joint_positions).reshape(starts.shape)
         cost = self(base_w[0].reshape(count, each, 3), yaw, candidates)
         return candidates[np.arange(count), cost.argmin(axis=-1)]

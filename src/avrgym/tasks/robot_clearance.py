@@ -76,7 +76,7 @@ def furniture_boxes(scene: SceneConfig) -> Boxes:
     geoms = [
         geom
         for geom in np.nonzero(model.geom_contype == collision_bits.FURNITURE.contype)[0]
-        if model.body(model.geom_bodyid[geom]).name not in scene.movable
+        if model.body(model.geom_bodyid[geom]).name not in scene.movable_bodies
     ]
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
@@ -124,7 +124,9 @@ class Clearance:
         ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
         for number, chain in enumerate(self._shape.links):
             on_link = np.nonzero(self._shape.link == number)[0]
-            pos, q = kinematics.forward(chain, joint_positions.reshape(-1, joints)[:, : number + 1])
+            pos, q = kinematics.forward_kinematics(
+                chain, joint_positions.reshape(-1, joints)[:, : number + 1]
+            )
             pos, q = (part.reshape(worlds, poses, 1, 1, -1) for part in (pos, q))
             ends = pos + transforms.rotate(q, self._shape.ends[on_link])
             ends_w[:, :, on_link] = self._base_pos_w + transforms.rotate(self._base_q_w, ends)

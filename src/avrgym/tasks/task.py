@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import namespace, to_device_of
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Mount, Robot
 from avrgym.models.scene import SceneConfig
@@ -198,7 +198,7 @@ class Task:
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
     withdraws_after_success: bool = False
-    tracked: tuple[Part, ...] = ("head",)
+    tracked: tuple[BodyPart, ...] = ("head",)
     variant: Callable[[Settings], "Task"] | None = None
 
     def __post_init__(self) -> None:
@@ -222,7 +222,7 @@ class Task:
                 f"strength_share of task {self.name} is {share!r}; allowed: above 0 to 1, such shares by joint "
                 f"({', '.join(JOINTS)}), or None"
             )
-        if "head" not in self.tracked or not set(self.tracked) <= set(PARTS):
+        if "head" not in self.tracked or not set(self.tracked) <= set(BODY_PARTS):
             raise ValueError(
                 f"tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' for the "
                 "arms that the robot works on"

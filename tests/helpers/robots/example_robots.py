@@ -7,7 +7,7 @@ from functools import cache
 import mujoco
 
 from avrgym.models.human import Person
-from avrgym.models.robot import Robot, UnsuitableError, robot_spec
+from avrgym.models.robot import Robot, UnsuitableRobotError, robot_spec
 from avrgym.models.scene import build_spec
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
@@ -32,7 +32,7 @@ def scene_of(name: str, task: str) -> mujoco.MjModel | None:
     """Return the scene of a task with a robot and a person, or ``None`` if the robot does not support the task."""
     try:
         scene = TASKS[task].scene(ALL_ROBOTS[name])
-    except UnsuitableError:
+    except UnsuitableRobotError:
         return None
     return build_spec(scene, PERSON, moving=True, appearance=True).compile()
 

@@ -42,8 +42,10 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 
 SPEED, TORQUE = FETCH_URDF.limits(JOINTS)
-SEED_DEG = (0.0, 0.0, 0.0, 90.0, 0.0, -90.0, 0.0)
-_ARM = tuned_arm(build, JOINTS, "gripper_link", np.radians(SEED_DEG), speed_limit=SPEED, effort_limit=TORQUE)
+SEED_POSE_DEG = (0.0, 0.0, 0.0, 90.0, 0.0, -90.0, 0.0)
+_ARM = tuned_arm(
+    build, JOINTS, "gripper_link", np.radians(SEED_POSE_DEG), speed_limit=SPEED, effort_limit=TORQUE
+)
 
 
 def fingers(opening_m: float) -> dict[str, float]:
@@ -51,7 +53,7 @@ def fingers(opening_m: float) -> dict[str, float]:
     return dict.fromkeys(FINGERS, opening_m)
 
 
-BETWEEN_TIPS_M = np.zeros(3)
+GRIP_POINT_M = np.zeros(3)
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """The cup's x across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -66,10 +68,10 @@ FETCH = Robot(
     arms={"right": _ARM, "left": _ARM},
     mounts={"wheelchair": NEXT_TO_PERSON, "bed": NEXT_TO_PERSON},
     grips={
-        "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
-        "cup": Grip(BETWEEN_TIPS_M, CUP_ROTATION, fingers(0.0415)),
-        "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
-        "washcloth": Grip(BETWEEN_TIPS_M, WASHCLOTH_ROTATION, fingers(0.012)),
+        "spoon": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
+        "cup": Grip(GRIP_POINT_M, CUP_ROTATION, fingers(0.0415)),
+        "scratcher": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
+        "washcloth": Grip(GRIP_POINT_M, WASHCLOTH_ROTATION, fingers(0.012)),
     },
     half_width_m=0.3,
     fixed_joints={"torso_lift_joint": 0.2},

@@ -42,4 +42,4 @@ FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }
-"""Functions by furniture name. Each adds its bodies to a scene; the second argument adds visual geoms."""
+"""Functions that add furniture to a scene, by furniture name. The second argument: whether to add visual geoms."""

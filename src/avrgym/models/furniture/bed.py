@@ -11,7 +11,7 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import finish
+from avrgym.models.furniture.finishes import add_finish
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import Mesh, Section, loft, rounded_polyline, torus, tube
 
@@ -79,8 +79,8 @@ def _board(y: float, top: float) -> tuple[list[float], list[float]]:
 
 
 def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    sheet = finish(spec, "sheet")
-    linen = finish(spec, "linen")
+    sheet = add_finish(spec, "sheet")
+    linen = add_finish(spec, "linen")
     add_skin(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
     back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
     add_skin(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=back, quat=_BACK_Q)
@@ -105,8 +105,8 @@ def _pillow() -> Mesh:
 
 
 def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    plastic = finish(spec, "plastic")
-    wood = finish(spec, "wood")
+    plastic = add_finish(spec, "plastic")
+    wood = add_finish(spec, "wood")
     for name, y, top in (("footboard", _FOOT_Y, _FOOTBOARD_TOP), ("headboard", _HEAD_Y, _HEADBOARD_TOP)):
         pos, (half_x, half_y, half_z) = _board(y, top)
         panel = _panel(half_x, half_z, half_y)
@@ -121,8 +121,8 @@ def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
 
 
 def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = finish(spec, "bed_frame")
-    steel = finish(spec, "steel")
+    paint = add_finish(spec, "bed_frame")
+    steel = add_finish(spec, "steel")
     for sign in (-1.0, 1.0):
         pos = [sign * 0.425, _MIDDLE_Y, _DECK_Z - 0.005]
         add_visual(body, BOX, paint, pos=pos, size=[0.02, _HALF_LENGTH, 0.025])
@@ -138,7 +138,7 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add one rail on each side, below the top of the mattress. A robot can reach over the rails."""
-    steel = finish(spec, "steel")
+    steel = add_finish(spec, "steel")
     low, high, foot, head = 0.30, 0.50, -0.55, 0.30
     for side, sign in (("right", -1.0), ("left", 1.0)):
         x = sign * 0.456
@@ -150,9 +150,9 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = finish(spec, "bed_frame")
-    steel = finish(spec, "steel")
-    rubber = finish(spec, "rubber")
+    paint = add_finish(spec, "bed_frame")
+    steel = add_finish(spec, "steel")
+    rubber = add_finish(spec, "rubber")
     low = 2.0 * _CASTER_RADIUS + 0.06
     for y in (-0.45, 0.45):
         column = [0.0, _MIDDLE_Y + y, low, 0.0, _MIDDLE_Y + y, _DECK_Z]
@@ -178,7 +178,7 @@ def _add_caster(
 
 
 def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = False) -> None:
-    """Add the nightstand. Its body's origin is the middle of its top. ``mirrored``: on the person's left."""
+    """Add the nightstand. The origin of its body is the middle of its top. ``mirrored``: on the person's left."""
     x, y, z = NIGHTSTAND_TOP_M
     body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=[-x if mirrored else x, y, z])
     half_x, half_y, half_z = _NIGHTSTAND_HALF
@@ -196,9 +196,9 @@ def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = Fa
 
 def _add_nightstand_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add a cabinet on a plinth. Its three drawers open towards −y."""
-    plastic = finish(spec, "plastic")
-    wood = finish(spec, "wood")
-    steel = finish(spec, "steel")
+    plastic = add_finish(spec, "plastic")
+    wood = add_finish(spec, "wood")
+    steel = add_finish(spec, "steel")
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_visual(body, BOX, plastic, pos=[0, 0, -0.0125], size=[half_x, half_y, 0.0125])
     add_visual(

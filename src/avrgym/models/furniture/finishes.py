@@ -1,4 +1,4 @@
-"""Materials of the furniture for rendering."""
+"""Surface finishes of the furniture for rendering: colour, roughness and metallic factor."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ FINISHES: Mapping[str, Finish] = {
 }
 
 
-def finish(spec: mujoco.MjSpec, name: str) -> str:
-    """Add the material of this name, unless it exists, and return its name."""
+def add_finish(spec: mujoco.MjSpec, name: str) -> str:
+    """Add the material of the finish ``name`` to a model, unless it exists. Returns the name."""
     look = FINISHES[name]
     return add_material(spec, name, look.rgb, metallic=look.metallic, roughness=look.roughness)

@@ -1,4 +1,4 @@
-"""The real seat and mattress of participants in VR."""
+"""Measures of the real seat and mattress of participants in VR."""
 
 from collections.abc import Mapping
 from math import radians, sin
@@ -9,7 +9,7 @@ from avrgym.models.furniture.bed import MATTRESS_TOP_M
 from avrgym.models.furniture.wheelchair import SEAT_DEPTH_M, SEAT_HEIGHT_M
 from avrgym.models.human import RECLINED, SEATED, Posture
 
-RANGES: Mapping[str, tuple[float, float]] = {
+ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
     "seat_height_m": (0.30, 0.70),
     "seat_depth_m": (0.30, 0.80),
     "seat_back_deg": (45.0, 100.0),
@@ -35,32 +35,33 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     mattress_back_deg: float = 90.0 + RECLINED.hips_deg
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
+        for name, (low, high) in ALLOWED_RANGES.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
-    def rise_m(self, posture: Posture) -> float:
-        """Height of the real seat or mattress above the virtual one."""
+    def height_offset_m(self, posture: Posture) -> float:
+        """Returns the height in metres of the real seat or mattress above the virtual one."""
         if posture is SEATED:
             return self.seat_height_m - SEAT_HEIGHT_M
         return self.mattress_height_m - MATTRESS_TOP_M
 
-    def head_rise_m(self, posture: Posture, torso_height_m: float) -> float:
-        """Difference in height between a resting head on the real and on the virtual seat or mattress."""
-        real, virtual = (sin(radians(deg)) for deg in (self.back_deg(posture), 90.0 + posture.hips_deg))
-        return self.rise_m(posture) + torso_height_m * (real - virtual)
+    def head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
+        """Returns the height in metres of a resting head on real furniture above one on virtual furniture."""
+        real, virtual = (sin(radians(deg)) for deg in (self.backrest_deg(posture), 90.0 + posture.hips_deg))
+        return self.height_offset_m(posture) + torso_height_m * (real - virtual)
 
-    def back_deg(self, posture: Posture) -> float:
-        """Backrest angle from the horizontal."""
+    def backrest_deg(self, posture: Posture) -> float:
+        """Returns the backrest angle of the real furniture from the horizontal, in degrees."""
         return self.seat_back_deg if posture is SEATED else self.mattress_back_deg
 
 
-REAL_AS_VIRTUAL = RealFurniture()
+DEFAULT_FURNITURE = RealFurniture()
+"""Real furniture with the sizes of the virtual wheelchair and bed."""
 
 
-def real_furniture(defaults: RealFurniture, **values: float | None) -> RealFurniture:
-    """Returns a copy of ``defaults`` in which the ``values`` values that are not ``None`` replace its fields.
+def change_furniture(defaults: RealFurniture, **values: float | None) -> RealFurniture:
+    """Returns a copy of ``defaults`` with changed fields. ``values`` that are ``None`` change nothing.
 
     Raises:
         ValueError: for a value out of range.

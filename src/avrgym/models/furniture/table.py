@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import finish
+from avrgym.models.furniture.finishes import add_finish
 from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import revolve
 
@@ -41,16 +41,20 @@ def _add_table_skin(
     bowl: mujoco.MjsBody,
     centre: np.ndarray,
     half: np.ndarray,
-    rise_m: float,
+    height_offset_m: float,
 ) -> None:
-    wood = finish(spec, "wood")
-    white = finish(spec, "ceramic")
-    food = finish(spec, "porridge")
+    wood = add_finish(spec, "wood")
+    white = add_finish(spec, "ceramic")
+    food = add_finish(spec, "porridge")
     add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
     for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         leg = centre + np.array(corner) * (half - 0.06)
         add_visual(
-            table, BOX, wood, pos=[*leg, 0.36 - 0.5 * rise_m], size=[0.025, 0.025, 0.36 + 0.5 * rise_m]
+            table,
+            BOX,
+            wood,
+            pos=[*leg, 0.36 - 0.5 * height_offset_m],
+            size=[0.025, 0.025, 0.36 + 0.5 * height_offset_m],
         )
     profile = [
         (0.0, 0.0), (0.035, 0.0), (0.055, 0.012), (0.068, 0.032), (0.072, 0.05),

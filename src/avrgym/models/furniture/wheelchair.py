@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import finish
+from avrgym.models.furniture.finishes import add_finish
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import rounded_polyline, torus, tube
 
@@ -31,7 +31,7 @@ _SIGNS = {"right": -1.0, "left": 1.0}
 def add_wheelchair(
     spec: mujoco.MjSpec, appearance: bool, *, armrests: Collection[str] = ("right", "left")
 ) -> None:
-    """Add the wheelchair; the hips of a seated person rest on its cushion.
+    """Add the wheelchair. The hips of a seated person are on its cushion.
 
     Armrests are removable: only the sides in ``armrests`` have one.
     """
@@ -63,8 +63,8 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -
 
 
 def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    fabric = finish(spec, "fabric")
-    rubber = finish(spec, "rubber")
+    fabric = add_finish(spec, "fabric")
+    rubber = add_finish(spec, "rubber")
     seat_y = 0.5 * (_BACK_Y + _FRONT_Y)
     add_visual(body, BOX, fabric, pos=[0, seat_y, SEAT_HEIGHT_M - 0.035], size=[_HALF_SEAT, 0.205, 0.030])
     add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70], size=[0.215, 0.012, 0.185])
@@ -75,8 +75,8 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    paint = finish(spec, "frame")
-    steel = finish(spec, "steel")
+    paint = add_finish(spec, "frame")
+    steel = add_finish(spec, "steel")
     for side, sign in _SIGNS.items():
         x = sign * _FRAME_X
         bars = {
@@ -96,8 +96,8 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
-    rubber = finish(spec, "rubber")
-    paint = finish(spec, "frame")
+    rubber = add_finish(spec, "rubber")
+    paint = add_finish(spec, "frame")
     x = _SIGNS[side] * ARMREST_X_M
     bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
     add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
@@ -107,8 +107,8 @@ def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
 
 
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    rubber = finish(spec, "rubber")
-    steel = finish(spec, "steel")
+    rubber = add_finish(spec, "rubber")
+    steel = add_finish(spec, "steel")
     for side, sign in _SIGNS.items():
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)
@@ -131,18 +131,17 @@ def add_bracket(
     appearance: bool,
     *,
     mount_m: tuple[float, float, float],
-    shoulder_m: float,
+    max_shoulder_height_m: float,
     mirrored: bool = False,
 ) -> None:
-    """Add a bracket on the wheelchair's right side that carries a robot's arm, and mark the space of the robot's
-    shoulder.
+    """Add a bracket for a robot's arm on the wheelchair's right side. Reserve the space of the robot's shoulder.
 
     Args:
         spec: a scene with a wheelchair.
         appearance: whether to add visual geoms.
-        mount_m: position of the robot's base.
-        shoulder_m: maximum height of the robot's shoulder above the base; people's initial poses avoid the space up to
-            this height.
+        mount_m: position of the robot's base, world frame.
+                max_shoulder_height_m: maximum height of the robot's shoulder above the base; people's initial poses
+            avoid the space up to this height.
         mirrored: whether the bracket is on the left side instead.
     """
     x, y, z = mount_m
@@ -150,14 +149,14 @@ def add_bracket(
     if mirrored:
         x, outwards = -x, 1.0
     body = spec.body(WHEELCHAIR_BODY)
-    half_height = 0.5 * shoulder_m
+    half_height = 0.5 * max_shoulder_height_m
     room = [x, y, z + half_height]
     add_collision(
         body, "shoulder_room", BOX, collision_bits.NO_COLLISION, pos=room, size=[0.05, 0.05, half_height]
     )
     if not appearance:
         return
-    paint = finish(spec, "bracket")
+    paint = add_finish(spec, "bracket")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x - 0.03 * outwards, y, z - 0.02], [outwards * _FRAME_X, y, z - 0.02]]
     add_skin(spec, body, "bracket", paint, tube(np.array(arm), 0.016))

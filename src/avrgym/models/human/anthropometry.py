@@ -21,38 +21,40 @@ STATURE_RANGE_M, BMI_RANGE_KG_M2 = (1.2, 2.2), (12.0, 60.0)
 
 @dataclass(frozen=True)
 class Proportions:
-    """Measures of one sex at its reference torso height; metres and kilograms.
+    """Body measures of one sex at its reference torso height; metres and kilograms.
 
-    Fields may be arrays (N,) for N people.
+    Fields may be arrays (N,) for N people. ``*_offset_z`` is the height of a part above the part below it.
+    ``*_offset_x`` is the lateral distance of a joint from the middle of the body. ``hips_below_origin`` is the distance
+    of the hip joints below the origin of the hips, ``mouth_forward`` that of the mouth in front of the head joint.
     """
 
     torso_height: float
     mass: float
     hips_radius: float
     hips_length: float
-    hips_drop: float
-    waist_rise: float
+    hips_below_origin: float
+    waist_offset_z: float
     waist_radius: float
     waist_length: float
-    chest_rise: float
+    chest_offset_z: float
     chest_radius: float
     chest_length: float
-    shoulder_rise: float
+    shoulder_offset_z: float
     shoulder_radius: float
     shoulder_length: float
-    shoulder_side: float
+    shoulder_offset_x: float
     upper_arm_radius: float
     upper_arm_length: float
     forearm_radius: float
     forearm_length: float
     hand_radius: float
-    neck_rise: float
+    neck_offset_z: float
     neck_radius: float
     neck_length: float
-    head_rise: float
-    head_centre_rise: float
+    head_offset_z: float
+    head_centre_offset_z: float
     mouth_forward: float
-    thigh_side: float
+    thigh_offset_x: float
     thigh_radius: float
     thigh_length: float
     shin_radius: float
@@ -64,30 +66,30 @@ class Proportions:
 
 MAN = Proportions(
     torso_height=0.60, mass=78.4,
-    hips_radius=0.1335, hips_length=0.094, hips_drop=0.08125,
-    waist_rise=0.08125, waist_radius=0.1205, waist_length=0.049,
-    chest_rise=0.156, chest_radius=0.127, chest_length=0.056,
-    shoulder_rise=0.1415, shoulder_radius=0.106, shoulder_length=0.032, shoulder_side=0.106 + 0.073,
+    hips_radius=0.1335, hips_length=0.094, hips_below_origin=0.08125,
+    waist_offset_z=0.08125, waist_radius=0.1205, waist_length=0.049,
+    chest_offset_z=0.156, chest_radius=0.127, chest_length=0.056,
+    shoulder_offset_z=0.1415, shoulder_radius=0.106, shoulder_length=0.032, shoulder_offset_x=0.106 + 0.073,
     upper_arm_radius=0.043, upper_arm_length=0.279,
     forearm_radius=0.033, forearm_length=0.257, hand_radius=0.043,
-    neck_rise=0.1515, neck_radius=0.06, neck_length=0.124,
-    head_rise=0.137, head_centre_rise=0.07425, mouth_forward=0.11,
-    thigh_side=0.089, thigh_radius=0.08, thigh_length=0.424,
+    neck_offset_z=0.1515, neck_radius=0.06, neck_length=0.124,
+    head_offset_z=0.137, head_centre_offset_z=0.07425, mouth_forward=0.11,
+    thigh_offset_x=0.089, thigh_radius=0.08, thigh_length=0.424,
     shin_radius=0.05, shin_length=0.403, foot_radius=0.05, foot_length=0.215,
     seated_hips_height=0.65275,
 )  # fmt: skip
 
 WOMAN = Proportions(
     torso_height=0.54, mass=62.5,
-    hips_radius=0.127, hips_length=0.117, hips_drop=0.075,
-    waist_rise=0.075, waist_radius=0.11, waist_length=0.009,
-    chest_rise=0.150, chest_radius=0.127, chest_length=0.010,
-    shoulder_rise=0.132, shoulder_radius=0.092, shoulder_length=0.028, shoulder_side=0.092 + 0.067,
+    hips_radius=0.127, hips_length=0.117, hips_below_origin=0.075,
+    waist_offset_z=0.075, waist_radius=0.11, waist_length=0.009,
+    chest_offset_z=0.150, chest_radius=0.127, chest_length=0.010,
+    shoulder_offset_z=0.132, shoulder_radius=0.092, shoulder_length=0.028, shoulder_offset_x=0.092 + 0.067,
     upper_arm_radius=0.0355, upper_arm_length=0.264,
     forearm_radius=0.027, forearm_length=0.234, hand_radius=0.0355,
-    neck_rise=0.132, neck_radius=0.05, neck_length=0.121,
-    head_rise=0.12, head_centre_rise=0.063, mouth_forward=0.10,
-    thigh_side=0.092, thigh_radius=0.0775, thigh_length=0.391,
+    neck_offset_z=0.132, neck_radius=0.05, neck_length=0.121,
+    head_offset_z=0.12, head_centre_offset_z=0.063, mouth_forward=0.10,
+    thigh_offset_x=0.092, thigh_radius=0.0775, thigh_length=0.391,
     shin_radius=0.045, shin_length=0.367, foot_radius=0.045, foot_length=0.195,
     seated_hips_height=0.635,
 )  # fmt: skip
@@ -95,11 +97,11 @@ WOMAN = Proportions(
 PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
-def proportions_of(is_woman: BoolArray, numbers: Any = 0.0) -> Proportions:
-    """Unscaled measures of N people, (N,) each, as arrays like ``numbers``."""
+def proportions_of(is_woman: BoolArray, like: Any = 0.0) -> Proportions:
+    """Returns the unscaled measures of N people, (N,) each. ``like`` determines their array library and device."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {
-        each.name: where(is_woman, *[constant_like(getattr(sex, each.name), numbers) for sex in (WOMAN, MAN)])
+        each.name: where(is_woman, *[constant_like(getattr(sex, each.name), like) for sex in (WOMAN, MAN)])
         for each in fields(Proportions)
     }
     return Proportions(**measures)
@@ -112,27 +114,28 @@ GIRTH_EXPONENTS: Mapping[str, tuple[float, float]] = {
     "waist_radius": (0.725, 0.585),
     "chest_radius": (0.515, 0.505),
     "shoulder_radius": (0.27, 0.56),
-    "shoulder_side": (0.48, 0.505),
+    "shoulder_offset_x": (0.48, 0.505),
     "upper_arm_radius": (0.59, 0.49),
     "forearm_radius": (0.375, 0.555),
     "hand_radius": (0.135, 0.56),
     "neck_radius": (0.325, 0.355),
-    "thigh_side": (0.45, 0.715),
+    "thigh_offset_x": (0.45, 0.715),
     "thigh_radius": (0.575, 0.615),
     "shin_radius": (0.415, 0.55),
     "foot_radius": (0.26, 0.605),
 }
 """Exponents b and c of log girth = a + b log BMI + c log stature, by least squares over the 4 082 men and 1 986 women
 of ANSUR II, mean of both: circumferences of buttocks, waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf
-and ankle. ``shoulder_side`` follows the forearm-forearm breadth, ``thigh_side`` the hip breadth of sitting people."""
+and ankle. ``shoulder_offset_x`` follows the forearm-forearm breadth, ``thigh_offset_x`` the hip breadth of sitting
+people."""
 
 
-def with_build(
+def scale_girths(
     p: Proportions, is_woman: BoolArray, stature_m: FloatArray, bmi_kg_m2: FloatArray
 ) -> Proportions:
-    """Returns the measures of N people with radii, breadths and mass for stature and body mass index (N,).
+    """Returns the measures of N people, with radii, breadths and mass scaled to stature and body mass index (N,).
 
-    People whose body mass index is NaN keep the measures ``p``.
+    The measures ``p`` of people whose body mass index is NaN do not change.
     """
     xp, known = namespace(bmi_kg_m2), ~namespace(bmi_kg_m2).isnan(bmi_kg_m2)
     if xp is np and not known.any():

@@ -10,7 +10,7 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import as_floats, constant_like, namespace
 from avrgym.models.body_names import Sex
-from avrgym.models.human.anthropometry import Proportions, proportions_of, with_build
+from avrgym.models.human.anthropometry import Proportions, proportions_of, scale_girths
 from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, joint_angles
 from avrgym.models.human.person import People, Person
 
@@ -24,10 +24,10 @@ HEADSET_OFFSET_M = 0.08
 """Distance of the headset's pose in front of the head's centre (2020 reference)."""
 
 
-MOUTH_RISE = 0.03
+MOUTH_HEIGHT_M = 0.03
 """Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
 
-CRANIUM_RADIUS, JAW_RADIUS, JAW_RISE, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
+CRANIUM_RADIUS, JAW_RADIUS, JAW_HEIGHT_M, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
 """Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
 
 
@@ -48,9 +48,9 @@ RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
 
 @dataclass(frozen=True)
 class Posture:
-    """Posture: rotations about x of the hips and of the legs, which are not actuated.
+    """Posture of a person: rotations about x of the hips and of the legs, which are not actuated.
 
-    ``hips_pos_w`` is the origin of the hips. ``None``: the person is on a seat, and the origin depends on the sex.
+    ``hips_pos_w`` is the origin of the hips. ``None``: the person sits, and the origin depends on the sex.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -60,20 +60,20 @@ class Posture:
     shoes: bool = True
 
     def hips(self, p: Proportions) -> FloatArray:
-        """Origin of the hips, (3,) or (N, 3); world frame."""
+        """Returns the origin of the hips, (3,) or (N, 3); world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height)
         pos_w = constant_like(np.array(self.hips_pos_w), p.mass)
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     @property
-    def outward(self) -> FloatArray:
-        """Direction from the backrest to the person (3,); world frame."""
+    def away_from_backrest(self) -> FloatArray:
+        """Normal of the backrest (3,), towards the person; world frame."""
         angle = float(np.radians(self.hips_deg))
         return np.array([0.0, -np.cos(angle), -np.sin(angle)])
 
-    def turns_deg(self) -> dict[str, float]:
-        """Rotations about x of the hips and leg bodies, by body."""
+    def rotations_deg(self) -> dict[str, float]:
+        """Returns the rotations about x of the hips and leg bodies, by body, in degrees."""
         legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
         return {"hips": self.hips_deg} | {
             f"{s}_{part}": a for s in ("right", "left") for part, a in legs.items()
@@ -87,24 +87,24 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Frames and sizes of N people by name of body, geom and site; computed on demand.
+    """Poses and sizes of the bodies, geoms and sites of N people, by name. They are computed on demand.
 
     Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), arm lengths with ``arm_scale``.
-    ``depth_gain`` (N,) is the radius of the chest minus that of the sex's reference. The back keeps its place.
+    ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference; the back does not move.
     """
 
     proportions: Proportions
     scale: FloatArray
     arm_scale: FloatArray
     posture: Posture
-    depth_gain: FloatArray
+    chest_depth_change_m: FloatArray
 
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
         """Body positions in the frame of the parent body."""
         positions = _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
-        outward = constant_like(self.posture.outward, self.scale)
-        return positions | {"hips": positions["hips"] + self.depth_gain[..., None] * outward}
+        outward = constant_like(self.posture.away_from_backrest, self.scale)
+        return positions | {"hips": positions["hips"] + self.chest_depth_change_m[..., None] * outward}
 
     @property
     def geom_pos(self) -> Mapping[str, FloatArray]:
@@ -131,41 +131,41 @@ def layout(
     torso_height_m: FloatArray,
     posture: Posture = SEATED,
     arm_scale: FloatArray | float = 1.0,
-    build: tuple[FloatArray, FloatArray] | None = None,
+    stature_and_bmi: tuple[FloatArray, FloatArray] | None = None,
 ) -> Layout:
-    """Layout of N people. Lengths along the body scale with the torso height; radii do not.
+    """Returns the layout of N people. Lengths along the body scale with the torso height; radii do not.
 
-    Upper arms and forearms also scale with ``arm_scale`` (N,). ``build`` are stature and body mass index (N,), which
-    determine radii and mass; see ``anthropometry.with_build``.
+    Lengths of upper arms and forearms also scale with ``arm_scale`` (N,). ``stature_and_bmi`` are stature and body mass
+    index (N,), which determine radii and mass; see ``anthropometry.scale_girths``.
     """
     reference = proportions_of(is_woman, torso_height_m)
     scale = torso_height_m / reference.torso_height
-    p = reference if build is None else with_build(reference, is_woman, *build)
-    depth_gain = (p.chest_radius - reference.chest_radius) * namespace(scale).ones_like(scale)
-    return Layout(p, scale, arm_scale * scale, posture, depth_gain)
+    p = reference if stature_and_bmi is None else scale_girths(reference, is_woman, *stature_and_bmi)
+    chest_depth_change_m = (p.chest_radius - reference.chest_radius) * namespace(scale).ones_like(scale)
+    return Layout(p, scale, arm_scale * scale, posture, chest_depth_change_m)
 
 
-def layout_of(people: People, posture: Posture = SEATED) -> Layout:
-    """Layout of ``people`` in a posture, as in ``layout``."""
-    build = people.stature_m, people.bmi_kg_m2
-    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, build)
+def layout_of_people(people: People, posture: Posture = SEATED) -> Layout:
+    """Returns the layout of ``people`` in a posture, see ``layout``."""
+    stature_and_bmi = people.stature_m, people.bmi_kg_m2
+    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, stature_and_bmi)
 
 
 def _body_positions(
     p: Proportions, h: FloatArray, arm_h: FloatArray, posture: Posture
 ) -> dict[str, FloatArray]:
-    shoulder_z = (p.chest_rise + p.shoulder_rise) * h
+    shoulder_z = (p.chest_offset_z + p.shoulder_offset_z) * h
     positions = {
         "hips": posture.hips(p),
-        "torso": _vector(0.0, 0.0, p.waist_rise * h),
-        "head": _vector(0.0, 0.0, (p.chest_rise + p.neck_rise + p.head_rise) * h),
+        "torso": _vector(0.0, 0.0, p.waist_offset_z * h),
+        "head": _vector(0.0, 0.0, (p.chest_offset_z + p.neck_offset_z + p.head_offset_z) * h),
     }
     for side, sign in (("right", -1.0), ("left", 1.0)):
         positions |= {
-            f"{side}_upper_arm": _vector(sign * p.shoulder_side, 0.0, shoulder_z),
+            f"{side}_upper_arm": _vector(sign * p.shoulder_offset_x, 0.0, shoulder_z),
             f"{side}_forearm": _vector(0.0, 0.0, -p.upper_arm_length * arm_h),
             f"{side}_hand": _vector(0.0, 0.0, -(p.forearm_radius + p.forearm_length * arm_h)),
-            f"{side}_thigh": _vector(sign * p.thigh_side, 0.0, -p.hips_drop * h),
+            f"{side}_thigh": _vector(sign * p.thigh_offset_x, 0.0, -p.hips_below_origin * h),
             f"{side}_shin": _vector(0.0, 0.0, -p.thigh_length * h),
             f"{side}_foot": _vector(0.0, 0.0, -p.shin_length * h),
         }
@@ -180,17 +180,17 @@ def _geoms(
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Capsules along the axes of ``GEOMS``; sizes are radius, half length, 0."""
     zero = namespace(h).zeros_like(h)
-    chest_z = p.chest_rise * h
-    shoulder_z = chest_z + p.shoulder_rise * h - (p.shoulder_radius - 0.055)
+    chest_z = p.chest_offset_z * h
+    shoulder_z = chest_z + p.shoulder_offset_z * h - (p.shoulder_radius - 0.055)
     position = {
-        "hips": _vector(zero, zero, -p.hips_drop * h),
+        "hips": _vector(zero, zero, -p.hips_below_origin * h),
         "waist": _vector(zero, zero, zero),
         "chest": _vector(zero, zero, chest_z),
-        "right_shoulder": _vector(-0.47 * p.shoulder_side, zero, shoulder_z),
-        "left_shoulder": _vector(0.47 * p.shoulder_side, zero, shoulder_z),
-        "neck": _vector(zero, zero, (p.chest_rise + p.neck_rise) * h + 0.5 * p.neck_length * h),
-        "cranium": _vector(zero, zero, p.head_centre_rise * h + 0.015),
-        "jaw": _vector(zero, MOUTH_DEPTH + JAW_RADIUS - p.mouth_forward, zero + JAW_RISE),
+        "right_shoulder": _vector(-0.47 * p.shoulder_offset_x, zero, shoulder_z),
+        "left_shoulder": _vector(0.47 * p.shoulder_offset_x, zero, shoulder_z),
+        "neck": _vector(zero, zero, (p.chest_offset_z + p.neck_offset_z) * h + 0.5 * p.neck_length * h),
+        "cranium": _vector(zero, zero, p.head_centre_offset_z * h + 0.015),
+        "jaw": _vector(zero, MOUTH_DEPTH + JAW_RADIUS - p.mouth_forward, zero + JAW_HEIGHT_M),
     }
     size = {
         "hips": _vector(p.hips_radius, 0.5 * p.hips_length, zero),
@@ -218,8 +218,8 @@ def _geoms(
 def _sites(p: Proportions, h: FloatArray) -> dict[str, FloatArray]:
     zero = namespace(h).zeros_like(h)
     return {
-        "head_centre": _vector(zero, zero, p.head_centre_rise * h),
-        "mouth": _vector(zero, -p.mouth_forward, zero + MOUTH_RISE),
+        "head_centre": _vector(zero, zero, p.head_centre_offset_z * h),
+        "mouth": _vector(zero, -p.mouth_forward, zero + MOUTH_HEIGHT_M),
         "right_hand_centre": _vector(zero, zero, -p.hand_radius),
         "left_hand_centre": _vector(zero, zero, -p.hand_radius),
     }
@@ -259,21 +259,21 @@ GEOMS: Mapping[str, Geom] = {
 
 
 def mass_shares() -> FloatArray:
-    """Share (B,) of the person's mass for each of ``BODIES``."""
+    """Returns the share (B,) of the person's mass in each of ``BODIES``."""
     return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
 
 
 def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> dict[str, FloatArray]:
-    """Rotations (N, 4) of all bodies relative to their parents, for joint angles (N, 20)."""
+    """Returns the rotations (N, 4) of all bodies relative to their parents, by body, for joint angles (N, 20)."""
     return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
 
 
 def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
-    """Rotation (N, 4) of one body relative to its parent, for joint angles (N, 20)."""
+    """Returns the rotation (N, 4) of one body relative to its parent, for joint angles (N, 20)."""
     xp, angles = as_floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
-    if body in posture.turns_deg():
-        turn = float(np.radians(posture.turns_deg()[body]))
+    if body in posture.rotations_deg():
+        turn = float(np.radians(posture.rotations_deg()[body]))
         turns.append((X_AXIS, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
     rotation = xp.broadcast_to(constant_like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
     for axis, angle in turns:
@@ -284,8 +284,8 @@ def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SE
 def body_frames(
     people: People, posture: Posture = SEATED, bodies: Sequence[str] = BODIES
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Positions (N, 3) and quaternions (N, 4) of bodies and their ancestors; world frame."""
-    local_pos = layout_of(people, posture).body_pos
+    """Returns positions (N, 3) and quaternions (N, 4) of bodies and their ancestors, by body; world frame."""
+    local_pos = layout_of_people(people, posture).body_pos
     pos_w: dict[str, FloatArray] = {}
     q_w: dict[str, FloatArray] = {}
     for body in _carrying(bodies):
@@ -321,9 +321,10 @@ def bind_frames(
     stature_m: float | None = None,
     bmi_kg_m2: float | None = None,
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Pose to which the skins are bound: standing, hips at the origin, arms half raised and half bent.
+    """Returns the body poses to which the skins are bound: positions (3,) and quaternions (4,) by body.
 
-    Returns positions (3,) and quaternions (4,) by body. The result is cached: do not change it.
+    The person stands with the hips at the origin; the arms are half raised and half bent. The result is cached: do not
+    change it.
     """
     person = Person(sex, torso_height_m, BIND_RAD, "fair", arm_scale, stature_m, bmi_kg_m2)
     pos, q = body_frames(People.of([person]), _STANDING)

@@ -15,16 +15,17 @@ from avrgym.models.human.frames import (
     Layout,
     Posture,
     body_rotations,
-    layout_of,
+    layout_of_people,
 )
 from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X_AXIS, Y_AXIS
 from avrgym.models.human.person import People, Person
 
 PREFIX = "person/"
+"""Prefix of all names of the person in a scene."""
 
 
 def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> mujoco.MjModel:
-    """Compiled model of a person alone; see ``add_person``."""
+    """Returns the compiled model of a person without a scene; see ``add_person``."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     add_person(spec, person, posture, moving=moving)
@@ -37,7 +38,7 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
     A moving person has 20 actuated joints with position servos of limited torque. Gravity is compensated (muscle tone).
     A static person has no joints and stays in the given pose.
     """
-    frames = layout_of(People.of([person]), posture)
+    frames = layout_of_people(People.of([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
     bodies: dict[str, mujoco.MjsBody] = {}
     for name, parent in PARENTS.items():
@@ -92,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def use_speed_targets(spec: mujoco.MjSpec) -> None:
-    """Change the inputs of a moving person's servos from target angles to speeds of the targets, in rad/s."""
+    """Change the inputs of a moving person's servos from target angles to target speeds in rad/s."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

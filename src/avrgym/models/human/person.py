@@ -1,4 +1,4 @@
-"""``Person``: the body of one person. ``People``: the bodies of many people as arrays."""
+"""Body parameters of simulated people: ``Person`` for one person, ``People`` with arrays for many people."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -61,14 +61,17 @@ class Person:
         check_torso_height(self.torso_height_m)
         check_arm_scale(self.arm_scale)
         if (self.stature_m is None) != (self.bmi_kg_m2 is None):
-            raise ValueError("allowed: both stature_m and bmi_kg_m2, or neither")
+            raise ValueError(
+                f"stature_m is {self.stature_m} and bmi_kg_m2 is {self.bmi_kg_m2}; allowed: numbers for both, or "
+                "None for both"
+            )
         for name, (low, high) in (("stature_m", STATURE_RANGE_M), ("bmi_kg_m2", BMI_RANGE_KG_M2)):
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
         if np.shape(self.joint_angles_rad) != (len(JOINTS),):
             raise ValueError(
-                f"joint angles must have shape ({len(JOINTS)},), not {np.shape(self.joint_angles_rad)}"
+                f"joint_angles_rad has the shape {np.shape(self.joint_angles_rad)}; allowed: ({len(JOINTS)},)"
             )
 
 
@@ -83,7 +86,7 @@ def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
     names = [each.name for each in fields(Person)]
     unknown = ", ".join(str(name) for name in person if name not in names)
     if unknown:
-        raise ValueError(f"a person has no {unknown}; allowed: {', '.join(names)}")
+        raise ValueError(f"unknown field {unknown} of a person; allowed: {', '.join(names)}")
     values = dict(person)
     if "joint_angles_rad" in values:
         values["joint_angles_rad"] = np.array(values["joint_angles_rad"], float)
@@ -109,14 +112,15 @@ class People:
     """N people as arrays.
 
     Attributes:
-        is_woman: body model (N,).
+        is_woman: whether the body model is that of a woman (N,).
         torso_height_m: (N,).
         joint_angles_rad: (N, 20).
-        range_share: share of the joint ranges (N,).
-        strength_share: share of the joint torques (N,); for physics also by joint (N, 20).
+        range_share: joint ranges as a share of the full ranges (N,).
+        strength_share: joint torques as a share of the full torques, (N,) or by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
         arm_scale: see ``Person`` (N,).
-        torque_share: share of each joint's torques towards its lower and its upper limit (N, 20, 2).
+        torque_share: torques towards the lower and the upper limit of each joint, as a share of the full torques (N,
+        20, 2).
         damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
         stature_m, bmi_kg_m2: see ``Person`` (N,); NaN for ``None``.
     """

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 
 from avrgym.models.robot import Robot, tuned_arm
-from avrgym.robots.mounts import on_furniture
-from avrgym.robots.parallel_gripper import OUT_ALONG_Z, parallel_grips
+from avrgym.robots.mounts import mounts_on_furniture
+from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
-ON_WHEELCHAIR_M, LEFT_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
+BASE_POS_W, LEFT_BASE_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
 """Positions of the base on the right and left side. The lower one lets the elbow unfold in front of a stretched arm."""
-SHOULDER_M = 0.30
+MAX_SHOULDER_HEIGHT_M = 0.30
 """Maximum height of the shoulder above the arm's mount."""
 
 
@@ -27,12 +27,12 @@ def build(appearance: bool) -> mujoco.MjSpec:
 SPEED_DEG_S = 50.0
 TORQUE_N_M = (39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0)
 """Limits of Kinova's description (GEN3_URDF_V12)."""
-SEED_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
+SEED_POSE_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
 _ARM = tuned_arm(
-    build, JOINTS, "hand", np.radians(SEED_DEG),
+    build, JOINTS, "hand", np.radians(SEED_POSE_DEG),
     speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
 )  # fmt: skip
-BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.142), 0.0192
+GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.142), 0.0192
 
 
 def _fingers(opening_rad: float) -> dict[str, float]:
@@ -49,11 +49,11 @@ GEN3 = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M, LEFT_POS_W),
+    mounts=mounts_on_furniture(BASE_POS_W, MAX_SHOULDER_HEIGHT_M, LEFT_BASE_POS_W),
     grips=parallel_grips(
-        BETWEEN_TIPS_M,
-        TIP_END_M,
-        OUT_ALONG_Z,
+        GRIP_POINT_M,
+        FINGERTIP_LENGTH_M,
+        SPOON_ALONG_HAND_Z,
         spoon=_fingers(0.095),
         cup=_fingers(0.823),
         scratcher=_fingers(0.118),

@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.robot import Arm, Grip, Robot
-from avrgym.robots.mounts import on_furniture
+from avrgym.robots.mounts import mounts_on_furniture
 from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("kinova_description/meshes")
-SHOULDER_M = 0.33
-"""Maximum height of the shoulder above the arm's mount."""
-ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)
+MAX_SHOULDER_HEIGHT_M = 0.33
+"""Maximum height of the shoulder above the mount."""
+BASE_POS_W = (-0.35, -0.30, 0.36)
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
@@ -77,6 +77,6 @@ JACO = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts=on_furniture(ON_WHEELCHAIR_M, SHOULDER_M),
+    mounts=mounts_on_furniture(BASE_POS_W, MAX_SHOULDER_HEIGHT_M),
     grips=GRIPS,
 )

@@ -7,15 +7,15 @@ import mujoco
 import numpy as np
 
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
-from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
-from avrgym.robots.parallel_gripper import OUT_ALONG_Z, parallel_grips
+from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, mount_next_to_person
+from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
 MESHES = "franka_description/meshes/visual"
 LINKS = (*(f"link{i}" for i in range(8)), "hand")
 FINGERS = ("left_finger", "right_finger")
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
-STAND_M = 0.55
+STAND_HEIGHT_M = 0.55
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
@@ -24,7 +24,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
     if appearance:
         meshes = {link: f"{link}.dae" for link in LINKS} | dict.fromkeys(FINGERS, "finger.dae")
         add_meshes(spec, MESHES, meshes)
-    add_stand(spec, "link0", STAND_M, appearance=appearance)
+    add_stand(spec, "link0", STAND_HEIGHT_M, appearance=appearance)
     return spec
 
 
@@ -32,7 +32,7 @@ SPEED_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
 """Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Franka Emika's
 data sheet allows 150 and 180 °/s, 87 and 12 N m."""
-SEED_DEG: Mapping[Side, tuple[float, ...]] = {
+SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0),
     "left": (51.0, -1.0, 31.0, -110.0, -47.0, 108.0, -127.0),
 }
@@ -41,12 +41,12 @@ SEED_DEG: Mapping[Side, tuple[float, ...]] = {
 
 def _arm(side: Side) -> Arm:
     return tuned_arm(
-        build, JOINTS, "hand", np.radians(SEED_DEG[side]),
+        build, JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
         speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
     )  # fmt: skip
 
 
-BETWEEN_TIPS_M, TIP_END_M = (0.0, 0.0, 0.1034), 0.0089
+GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.1034), 0.0089
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
@@ -60,11 +60,11 @@ PANDA = Robot(
     base=STAND_BODY,
     torso=STAND_BODY,
     arms={side: _arm(side) for side in SIDES},
-    mounts={"wheelchair": next_to_person(-0.7, -0.65), "bed": next_to_person(-0.7, -0.65)},
+    mounts={"wheelchair": mount_next_to_person(-0.7, -0.65), "bed": mount_next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
-        BETWEEN_TIPS_M,
-        TIP_END_M,
-        OUT_ALONG_Z,
+        GRIP_POINT_M,
+        FINGERTIP_LENGTH_M,
+        SPOON_ALONG_HAND_Z,
         spoon=_fingers(0.0045),
         cup=_fingers(0.040),
         scratcher=_fingers(0.0056),

@@ -19,10 +19,10 @@ YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
-FIXED_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
-SEED_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
+FIXED_POSE_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
+SEED_POSE_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
 """Poses of the left arm; those of the right arm are mirrored."""
-MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+MIRROR_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
@@ -37,7 +37,7 @@ def _joints(side: Side) -> tuple[str, ...]:
 
 
 def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
-    return left_rad if side == "left" else MIRROR * left_rad
+    return left_rad if side == "left" else MIRROR_SIGNS * left_rad
 
 
 def _arm(side: Side) -> Arm:
@@ -49,7 +49,7 @@ def _arm(side: Side) -> Arm:
         effort_limit=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
         stiffness=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
         inertia=np.array([2.81, 1.395, 0.447, 0.437, 0.0899, 0.0741, 0.0631]),
-        seed_pose=_pose(side, SEED_RAD),
+        seed_pose=_pose(side, SEED_POSE_RAD),
         finger_prefix=f"{side[0]}_gripper_",
     )
 
@@ -104,7 +104,7 @@ PR2 = Robot(
     fixed_joints={
         joint: float(angle)
         for side in SIDES
-        for joint, angle in zip(_joints(side), _pose(side, FIXED_RAD), strict=True)
+        for joint, angle in zip(_joints(side), _pose(side, FIXED_POSE_RAD), strict=True)
     },
     cameras={
         # The colour camera of the Kinect above the head: 57° wide at 4 : 3 (kinect_prosilica_camera.urdf.xacro).

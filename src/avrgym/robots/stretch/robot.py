@@ -57,7 +57,7 @@ DRIVE = DifferentialDrive(
     turn_limit_rad_s=0.5,
     track_width_m=0.3407,
     force_limit_n=40.0,
-    grip_limit_n=WHEEL_FRICTION * MASS_KG * GRAVITY_M_S2,
+    lateral_force_limit_n=WHEEL_FRICTION * MASS_KG * GRAVITY_M_S2,
 )
 """Maximum speed: robot_params_SE3.py. Track width: the description's wheel joints. The turn rate, the force (an
 acceleration of 1.6 m/s²) and the friction are assumptions."""

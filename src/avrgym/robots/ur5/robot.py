@@ -8,14 +8,14 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
-from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, next_to_person
+from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, mount_next_to_person
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
 MESHES = "ur_description/meshes/ur5/visual"
 LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-STAND_M = 0.65
+STAND_HEIGHT_M = 0.65
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
@@ -23,7 +23,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.ur5").joinpath("ur5.xml").read_text())
     if appearance:
         add_meshes(spec, MESHES, {link: f"{link}.dae" for link in LINKS})
-    add_stand(spec, "base", STAND_M, appearance=appearance)
+    add_stand(spec, "base", STAND_HEIGHT_M, appearance=appearance)
     return spec
 
 
@@ -31,7 +31,7 @@ SPEED_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
 """Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Universal
 Robots' data sheet allows 180 °/s, the public description 150 and 28 N m."""
-SEED_DEG: Mapping[Side, tuple[float, ...]] = {
+SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (142.0, -125.0, -59.0, 4.0, -142.0, 0.0),
     "left": (-84.0, -97.0, -83.0, -96.0, 45.0, 9.0),
 }
@@ -40,12 +40,12 @@ SEED_DEG: Mapping[Side, tuple[float, ...]] = {
 
 def _arm(side: Side) -> Arm:
     return tuned_arm(
-        build, JOINTS, "hand", np.radians(SEED_DEG[side]),
+        build, JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
         speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
     )  # fmt: skip
 
 
-BETWEEN_TIPS_M, TIP_END_M = (0.13, 0.0, 0.0), 0.015
+GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.13, 0.0, 0.0), 0.015
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
@@ -59,10 +59,10 @@ UR5 = Robot(
     base=STAND_BODY,
     torso=STAND_BODY,
     arms={side: _arm(side) for side in SIDES},
-    mounts={"wheelchair": next_to_person(-0.78, -0.65), "bed": next_to_person(-0.7, -0.65)},
+    mounts={"wheelchair": mount_next_to_person(-0.78, -0.65), "bed": mount_next_to_person(-0.7, -0.65)},
     grips=parallel_grips(
-        BETWEEN_TIPS_M,
-        TIP_END_M,
+        GRIP_POINT_M,
+        FINGERTIP_LENGTH_M,
         transforms.IDENTITY_QUATERNION,
         spoon=_fingers(0.0045),
         cup=_fingers(0.042),

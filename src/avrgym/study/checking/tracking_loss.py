@@ -1,13 +1,13 @@
 """Share of tracking loss in a trial: time with missing, late or implausible frames. The person model then stops."""
 
-from avrgym.models.body_names import PART_LABELS, PARTS, Part
+from avrgym.models.body_names import BODY_PART_LABELS, BODY_PARTS, BodyPart
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
 from avrgym.vr.tracking.freshness import STALE_S
 
 
-def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
+def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> float | None:
     """Share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
     A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if the whole
@@ -31,7 +31,7 @@ def describe_excess_loss(recording: Recording, design: Design) -> str | None:
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
-    parts = {PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0 for part in PARTS}
+    parts = {BODY_PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0 for part in BODY_PARTS}
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
         f"tracking was lost for {100 * share:.1f} % of the robot's assistance time ({by_part}); "
@@ -39,7 +39,7 @@ def describe_excess_loss(recording: Recording, design: Design) -> str | None:
     )
 
 
-def _is_held(frame: TrackingFrame, part: Part | None) -> bool:
+def _is_held(frame: TrackingFrame, part: BodyPart | None) -> bool:
     in_part = bool(frame.held_parts) if part is None else part in frame.held_parts
     return frame.held or in_part
 

@@ -53,7 +53,7 @@ def scene(robot: Robot) -> SceneConfig:
     """The wheelchair; the robot's left arm holds the scooper.
 
     Raises:
-        UnsuitableError: if the robot does not have the arm, the mount or the grip.
+        UnsuitableRobotError: if the robot does not have the arm, the mount or the grip.
     """
     return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 

@@ -74,7 +74,7 @@ MARKERS = MAX_RINGS * MARKERS_PER_RING
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     """Create the markers: rings 3 cm apart with markers 3 cm apart, none wiped. Thick arms have larger gaps."""
     xp = namespace(uniforms)
-    size = human.layout_of(people, RECLINED).geom_size
+    size = human.layout_of_people(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
     length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
     rings, around = (

@@ -17,7 +17,7 @@ from avrgym.geometry.arrays import constant_like, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
-from avrgym.models.sleeve import AROUND
+from avrgym.models.sleeve import VERTICES_PER_RING
 from avrgym.simulation.worlds import State
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
@@ -149,7 +149,7 @@ def arm_path(state: State) -> ArmPath:
 
 def opening_on_arm(state: State, path: ArmPath) -> Opening:
     """Returns the openings relative to the arms, at the section of the arm that is nearest to the opening's centre."""
-    rim_w = state.cloth_pos_w[:, :AROUND]
+    rim_w = state.cloth_pos_w[:, :VERTICES_PER_RING]
     centre_w = rim_w.mean(axis=1)
     nearest = nearest_on_path(centre_w, path)
     axis_w = path.along_w[row_indices(nearest.section), nearest.section]

@@ -54,7 +54,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     forearm_w, upper_arm_w = (
         transforms.normalize(end - begin) for begin, end in ((wrist_w, elbow_w), (elbow_w, shoulder_w))
     )
-    hand_w = wrist_w - human.layout_of(people).geom_size["left_hand"][:, :1] * forearm_w
+    hand_w = wrist_w - human.layout_of_people(people).geom_size["left_hand"][:, :1] * forearm_w
     offset = START_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     forearm_q, upper_arm_q = opening_rotation(scene, forearm_w), opening_rotation(scene, upper_arm_w)
     goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)

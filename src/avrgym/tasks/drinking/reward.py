@@ -47,7 +47,9 @@ class DrinkingState:
     gone: BoolArray
 
 
-def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.start)) -> DrinkingState:
+def init_state(
+    people: People, uniforms: FloatArray, particles: int = len(WATER.initial_pos)
+) -> DrinkingState:
     """Initial state: all water is in the cup. The tool carries ``particles`` particles."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)

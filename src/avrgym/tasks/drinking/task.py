@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like
-from avrgym.models.cup import CUP, SHAPES, WATER, cup
+from avrgym.models.cup import CUP, CUP_SHAPES, WATER, make_cup
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
@@ -47,9 +47,9 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 def drinking(settings: Settings = DEFAULTS) -> Task:
     """Returns the task with the cup and the water of the settings."""
-    name, particles = settings.tool or "cup", settings.particles or len(WATER.start)
-    tool = cup(name, particles)
-    shape = SHAPES[name]
+    name, particles = settings.tool or "cup", settings.particles or len(WATER.initial_pos)
+    tool = make_cup(name, particles)
+    shape = CUP_SHAPES[name]
     return Task(
         name="Drinking",
         goal="Drink the water from the cup.",

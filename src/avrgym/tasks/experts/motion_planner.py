@@ -130,7 +130,7 @@ class MotionPlanner:
         starts = self.joint_positions[:, None, None] + self._chain.units * _start_offsets(joints)
         starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
         pos, q = (np.repeat(part.reshape(worlds * poses, -1), IK_STARTS, axis=0) for part in (pos, q))
-        solution = kinematics.solve(self._chain, pos, q, starts)
+        solution = kinematics.inverse_kinematics(self._chain, pos, q, starts)
         angles = self._unwrap_near(solution.joint_positions.reshape(worlds, -1, joints))
         missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
         cost = np.where(missed.reshape(worlds, -1), np.inf, self._swing_cost_s(angles, tilt_rad))
@@ -166,7 +166,9 @@ class MotionPlanner:
 
     def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Angle (N, M) between the tool's z axis and the vertical at joint positions (N, M, J)."""
-        _, q = kinematics.forward(self._chain, joint_positions.reshape(-1, joint_positions.shape[-1]))
+        _, q = kinematics.forward_kinematics(
+            self._chain, joint_positions.reshape(-1, joint_positions.shape[-1])
+        )
         z_w = transforms.rotate(
             self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*joint_positions.shape[:2], 3)
         )
@@ -175,11 +177,11 @@ class MotionPlanner:
     def joint_positions_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
         """Joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near``."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
-        return kinematics.solve(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
+        return kinematics.inverse_kinematics(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
 
     def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tool positions (N, 3) and rotations (N, 4) at joint positions (N, J); world frame."""
-        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, joint_positions))
+        return transforms.compose(*self._base_w, *kinematics.forward_kinematics(self._chain, joint_positions))
 
     def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Largest difference (N,) between the present joint positions and ``joint_positions`` (N, J), in the chain's

@@ -93,7 +93,7 @@ class FeedingExpert:
 def food_of(tool: Tool) -> FloatArray:
     """Initial positions (K, 3) of the food in the spoon's frame."""
     assert tool.particles is not None
-    return tool.particles.start
+    return tool.particles.initial_pos
 
 
 def _spoon_q_w(state: State) -> FloatArray:

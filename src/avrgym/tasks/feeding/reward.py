@@ -44,7 +44,7 @@ class FeedingState:
     on_person: BoolArray
 
 
-def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.start)) -> FeedingState:
+def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.initial_pos)) -> FeedingState:
     """Initial task state for a tool with ``particles`` pieces of food: none is eaten or dropped."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)

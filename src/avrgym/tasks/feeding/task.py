@@ -11,7 +11,7 @@ from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, Offset, add_table
 from avrgym.models.human import People
 from avrgym.models.robot import Furniture, Robot
 from avrgym.models.scene import SceneConfig
-from avrgym.models.spoon import SPOON, spoon
+from avrgym.models.spoon import SPOON, make_spoon
 from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
@@ -64,7 +64,7 @@ def _goals(people: People) -> tuple[FloatArray, FloatArray]:
 def feeding(settings: Settings = DEFAULTS) -> Task:
     """Returns the task with the spoon, food and table of the settings."""
     offset_m = settings.table_offset_m or (0.0, 0.0, 0.0)
-    tool = spoon(settings.tool or "medium", settings.particles)
+    tool = make_spoon(settings.tool or "medium", settings.particles)
     return Task(
         name="Feeding",
         goal="Eat the food from the spoon.",

@@ -57,7 +57,7 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     distributed."""
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
-    layout = human.layout_of(people)
+    layout = human.layout_of_people(people)
     sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_indices(limb), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (

@@ -16,7 +16,7 @@ from avrgym.array_types import FloatArray
 from avrgym.commands.vocabulary import Source
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, RealFurniture
+from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, TOOL
 from avrgym.networks.policy import Policy
@@ -162,7 +162,7 @@ class SimulatedParticipant:
     They are seated until ``adopt_posture`` is called.
     """
 
-    def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
+    def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = DEFAULT_FURNITURE) -> None:
         """Create a participant. The room's ``furniture`` determines the height of the head."""
         random = random_streams.participant_motion(seed)
         self.traits = traits
@@ -216,7 +216,7 @@ class SimulatedParticipant:
         self._posture, self._rest_rad = posture, person.joint_angles_rad
         self._held_rad = self._angles_rad = self._rest_rad
         self._sway_share = 0.0
-        higher_m = self._furniture.head_rise_m(posture, person.torso_height_m)
+        higher_m = self._furniture.head_height_offset_m(posture, person.torso_height_m)
         self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)

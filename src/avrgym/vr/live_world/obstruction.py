@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import JOINTS
 from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
@@ -36,16 +36,16 @@ class ObstructionMonitor:
         self._bodies = np.array([model.body(human.PREFIX + body).id for _, body, _, _ in points])
         self._along_m = np.array([along_m for _, _, along_m, _ in points])
         self._turned_by = np.array([np.isin(np.arange(len(JOINTS)), WAIST + own) for *_, own in points]).T
-        self._of_part = np.array([[part == each for part, *_ in points] for each in PARTS])
+        self._of_part = np.array([[part == each for part, *_ in points] for each in BODY_PARTS])
         self._torque, self._axis, self._anchor = bind("qfrc_constraint"), bind("xaxis"), bind("xanchor")
         self._xpos, self._xmat = bind("xpos"), bind("xmat")
-        self._obstructed = np.zeros(len(PARTS), dtype=bool)
+        self._obstructed = np.zeros(len(BODY_PARTS), dtype=bool)
 
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[BodyPart, ...]:
         """Returns the parts that are obstructed after the latest physics step."""
         displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(), axis=-1)).max(axis=-1)
         self._obstructed = displacement_m > np.where(self._obstructed, FREE_M, OBSTRUCTED_M)
-        return tuple(part for part, held in zip(PARTS, self._obstructed.tolist(), strict=True) if held)
+        return tuple(part for part, held in zip(BODY_PARTS, self._obstructed.tolist(), strict=True) if held)
 
     def _displacement_m(self) -> FloatArray:
         """Returns the displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""

@@ -14,7 +14,7 @@ from avrgym.commands.input_names import InputMethod as InputMethod
 from avrgym.commands.input_names import StopWay as StopWay
 from avrgym.commands.vocabulary import ClientSource, Source, WatcherSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
-from avrgym.models.body_names import Part
+from avrgym.models.body_names import BodyPart
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
@@ -452,7 +452,7 @@ class State(Message, frozen=True):
     simulation_time_s: float
     tracking_sequence: int
     joint_targets: bytes
-    deviating_parts: list[Part]
+    deviating_parts: list[BodyPart]
     poses: bytes
 
 
@@ -473,7 +473,7 @@ class StateChange(Message, frozen=True, tag="state"):
     sequence: int
     simulation_time_s: float
     tracking_sequence: int
-    deviating_parts: list[Part]
+    deviating_parts: list[BodyPart]
     joint_targets: bytes
     poses: bytes
 
@@ -604,8 +604,8 @@ class Status(Message, frozen=True, tag="status"):
     visibility: Visibility
     left_modality: Modality
     right_modality: Modality
-    needed_parts: list[Part]
-    untracked_parts: list[Part]
+    needed_parts: list[BodyPart]
+    untracked_parts: list[BodyPart]
     operated: bool
     idle: bool
     latency: list[StageLatency]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.models.colours import geom_colours, texture_of, texture_pixels
+from avrgym.models.colours import geom_colours, texture_index, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.scene_export import geoms_by_carrier
 from avrgym.vr.scene.skins import Skin, skins_of
@@ -57,7 +57,7 @@ def _of_geom(
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
     """Returns the colour (V, 4) of each vertex: material colour times texture colour."""
-    colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
+    colours, texture = skin.rgba.copy(), texture_index(model, skin.material)
     if texture >= 0:
         pixels = texture_pixels(model, texture)
         row, column = (

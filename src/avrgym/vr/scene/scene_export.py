@@ -30,7 +30,7 @@ from PIL import Image
 from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
+from avrgym.models.colours import geom_colours, linear_from_srgb, texture_index, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.glb_writer import GlbWriter
 from avrgym.vr.scene.skins import Bone, Skin, merge_skins, skins_of, with_cap
@@ -187,7 +187,7 @@ class _Export:
             of_head = skin.main_body == HEAD
             if not of_head:
                 skin = reduce(with_cap, head, skin)
-            texture = texture_of(self._model, skin.material)
+            texture = texture_index(self._model, skin.material)
             finish = Finish.of(self._model, skin.material, float(skin.rgba[0, 3]), texture)
             groups.setdefault((of_head, finish), []).append(skin)
         return groups

@@ -10,7 +10,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import c_library_fingerprint
 from avrgym.models import human
-from avrgym.models.body_names import PARTS
+from avrgym.models.body_names import BODY_PARTS
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.recording import schema
 from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, Versions
@@ -176,7 +176,7 @@ class Attempt:
 
     def record_frames(self, followed: TrackingUpdate) -> None:
         """Record tracking frames in the order of arrival. The newest frame moved all parts except the held ones."""
-        deviating = [part for part in PARTS if part in followed.deviating_parts or part in followed.lost]
+        deviating = [part for part in BODY_PARTS if part in followed.deviating_parts or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
             record = schema.TrackingFrame(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.commands.vocabulary import CommandName, Source
-from avrgym.models.body_names import Part
+from avrgym.models.body_names import BodyPart
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.input_profile import CONTROLLERS, InputProfile
@@ -223,21 +223,21 @@ class Continued(SessionEvent):
 class TrackingLost(SessionEvent):
     """A part of the body that the task needs is untracked. The simulated part keeps its last pose."""
 
-    part: Part
+    part: BodyPart
 
 
 @dataclass(frozen=True)
 class TrackingFound(SessionEvent):
     """A part of the body that the task needs is tracked again, or is no longer needed."""
 
-    part: Part
+    part: BodyPart
 
 
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
     """A part of the body that the task needs was untracked for too long. The attempt ends."""
 
-    part: Part
+    part: BodyPart
 
 
 @dataclass(frozen=True)

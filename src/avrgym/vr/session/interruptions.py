@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from avrgym.models.body_names import PART_LABELS, Part
+from avrgym.models.body_names import BODY_PART_LABELS, BodyPart
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
@@ -15,12 +15,12 @@ VISIBILITY_REASONS: dict[Visibility, str] = {
     "hidden": "the headset was taken off, or the page is in the background",
     "context-lost": "the graphics of the participant's device failed",
 }
-UNTRACKED_TEXTS: Mapping[Part, str] = {
+UNTRACKED_TEXTS: Mapping[BodyPart, str] = {
     "head": "untracked",
     "left": "left_untracked",
     "right": "right_untracked",
 }
-TIMED_OUT_TEXTS: Mapping[Part, str] = {
+TIMED_OUT_TEXTS: Mapping[BodyPart, str] = {
     "head": "tracking_timed_out",
     "left": "left_timed_out",
     "right": "right_timed_out",
@@ -39,11 +39,11 @@ class Interruption:
     message: Text
 
 
-def tracking_interruption(now_s: float, part: Part) -> Interruption:
+def tracking_interruption(now_s: float, part: BodyPart) -> Interruption:
     """Returns the interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
     message = Text(TIMED_OUT_TEXTS[part], {"seconds": seconds})
-    why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
+    why = f"tracking was lost for {seconds} s: {BODY_PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), message)
 
 

@@ -1,6 +1,6 @@
 """Messages that a session sends continuously: states of the world, touches, successes, and the session's status."""
 
-from avrgym.models.body_names import PARTS
+from avrgym.models.body_names import BODY_PARTS
 from avrgym.models.scene import SUBSTEPS
 from avrgym.recording.input_profile import InputProfile
 from avrgym.tasks.control_loop import ControlStep
@@ -57,7 +57,7 @@ class Reporter:
             simulation_time_s=self._ticks * TICK_S,
             tracking_sequence=tracking.followed,
             joint_targets=world.joint_targets_rad.astype("<f4").tobytes(),
-            deviating_parts=[part for part in PARTS if part in deviating],
+            deviating_parts=[part for part in BODY_PARTS if part in deviating],
             poses=world.body_poses(),
         )
 

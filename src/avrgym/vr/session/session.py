@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from avrgym.models import human
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording.input_profile import ARMS, InputProfile
@@ -298,7 +298,7 @@ class Session:
             self.world.follow(followed.pose, [arm for arm in ARMS if arm not in profile.used_arms])
         if self._phase.in_place:
             state.follow_seat()
-        for part in filter(profile.needs, PARTS):
+        for part in filter(profile.needs, BODY_PARTS):
             if (part in followed.lost) != (part in followed.lost_before):
                 self._report_tracking(part, lost=part in followed.lost)
             if (part in followed.deviating_parts) != (part in followed.deviating_parts_before):
@@ -308,7 +308,7 @@ class Session:
         attempt.record_frames(followed)
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
 
-    def _report_tracking(self, part: Part, *, lost: bool) -> None:
+    def _report_tracking(self, part: BodyPart, *, lost: bool) -> None:
         """Report that tracking of a required part is lost, or has returned."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.commands.vocabulary import COMMANDS, CommandName, Source
 from avrgym.models import human
-from avrgym.models.body_names import Part
+from avrgym.models.body_names import BodyPart
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
@@ -107,12 +107,12 @@ class SessionState:
         return self.worlds.world
 
     @property
-    def needed_parts(self) -> tuple[Part, ...]:
+    def needed_parts(self) -> tuple[BodyPart, ...]:
         """The parts of the body that the task needs, without the participant's resting arms."""
         return tuple(part for part in self.world.task.tracked if self.input.profile.needs(part))
 
     @property
-    def untracked(self) -> Part | None:
+    def untracked(self) -> BodyPart | None:
         """The first needed part of the body that was untracked for ``UNTRACKED_LIMIT_S``."""
         needed = self.needed_parts
         return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None)

@@ -41,8 +41,8 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         TextError: for a height outside the range of adults. The message contains the range.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
-    hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
-    upright = sin(radians(furniture.back_deg(posture)))
+    hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.height_offset_m(posture)
+    upright = sin(radians(furniture.backrest_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:
         key, rests_m = (

@@ -6,7 +6,7 @@ noise, so its repeated poses count as measurements.
 
 from math import inf
 
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.vr.protocol.messages import Tracking, XRPose
 
 STALE_S = 0.2
@@ -18,13 +18,13 @@ class Freshness:
 
     def __init__(self) -> None:
         self._begun = False
-        self._poses: dict[Part, XRPose] = {}
-        self._measured_s: dict[Part, float] = {}
+        self._poses: dict[BodyPart, XRPose] = {}
+        self._measured_s: dict[BodyPart, float] = {}
 
     def update(self, frame: Tracking, now_s: float) -> None:
         """Add a usable frame that arrives now."""
         self._begun = True
-        for part in PARTS:
+        for part in BODY_PARTS:
             pose: XRPose | None = getattr(frame, part)
             if pose is None:
                 continue
@@ -32,16 +32,16 @@ class Freshness:
                 self._measured_s[part] = now_s
             self._poses[part] = pose
 
-    def age_s(self, part: Part, now_s: float) -> float:
+    def age_s(self, part: BodyPart, now_s: float) -> float:
         """Returns the time since the part's latest measurement; infinite without one."""
         return now_s - self._measured_s.get(part, -inf)
 
-    def stale(self, now_s: float) -> tuple[Part, ...]:
+    def stale(self, now_s: float) -> tuple[BodyPart, ...]:
         """Returns the parts without a measurement for ``STALE_S``; empty before the first frame."""
-        return tuple(part for part in PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
+        return tuple(part for part in BODY_PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
 
 
-def moves_by_mouse(frame: Tracking, part: Part) -> bool:
+def moves_by_mouse(frame: Tracking, part: BodyPart) -> bool:
     """Returns whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
     modalities = {"left": frame.left_modality, "right": frame.right_modality}
     return modalities[part] == "mouse" if part != "head" else "mouse" in modalities.values()

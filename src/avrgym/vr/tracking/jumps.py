@@ -8,7 +8,7 @@ from math import acos, dist, hypot
 
 import msgspec
 
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import moves_by_mouse
 
@@ -88,10 +88,10 @@ class Limbs:
     """The filtered poses of head and hands during one stay in VR."""
 
     def __init__(self) -> None:
-        self._limbs: dict[Part, Limb] = {part: Limb() for part in PARTS}
+        self._limbs: dict[BodyPart, Limb] = {part: Limb() for part in BODY_PARTS}
 
     @property
-    def deviating_parts(self) -> tuple[Part, ...]:
+    def deviating_parts(self) -> tuple[BodyPart, ...]:
         """The parts that are not at their tracked poses."""
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
@@ -107,8 +107,8 @@ class Limbs:
         return msgspec.structs.replace(tracking, **followed)
 
 
-def _tracked(tracking: Tracking) -> dict[Part, XRPose]:
-    poses: tuple[tuple[Part, XRPose | None], ...] = (
+def _tracked(tracking: Tracking) -> dict[BodyPart, XRPose]:
+    poses: tuple[tuple[BodyPart, XRPose | None], ...] = (
         ("head", tracking.head),
         ("left", tracking.left),
         ("right", tracking.right),

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.body_names import PARTS, Part
+from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.recording.input_profile import ARMS, CONTROLLERS, Arm, InputProfile
 from avrgym.vr.protocol import messages
@@ -34,11 +34,11 @@ class TrackingUpdate:
     arrived: Sequence[Frame]
     newest: Frame | None = None
     silent: bool = False
-    deviating_parts: tuple[Part, ...] = ()
-    deviating_parts_before: tuple[Part, ...] = ()
-    untracked: tuple[Part, ...] = ()
-    lost: tuple[Part, ...] = ()
-    lost_before: tuple[Part, ...] = ()
+    deviating_parts: tuple[BodyPart, ...] = ()
+    deviating_parts_before: tuple[BodyPart, ...] = ()
+    untracked: tuple[BodyPart, ...] = ()
+    lost: tuple[BodyPart, ...] = ()
+    lost_before: tuple[BodyPart, ...] = ()
     pose: BodyPose | None = None
 
 
@@ -54,8 +54,8 @@ class TrackingState:
         self._followed: Frame | None = None
         self._tracked: messages.Tracking | None = None
         self._hands, self._limbs = Hands(), Limbs()
-        self.untracked: tuple[Part, ...] = ()
-        self.lost: tuple[Part, ...] = ()
+        self.untracked: tuple[BodyPart, ...] = ()
+        self.lost: tuple[BodyPart, ...] = ()
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
@@ -78,7 +78,7 @@ class TrackingState:
         newest = self._feed.newest
         return None if newest is None else now_s - newest.received_s
 
-    def part_age_s(self, part: Part, now_s: float) -> float:
+    def part_age_s(self, part: BodyPart, now_s: float) -> float:
         """Returns the time since a part's latest measurement; infinite without one."""
         return self._feed.freshness.age_s(part, now_s)
 
@@ -88,12 +88,12 @@ class TrackingState:
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
-    def deviating_parts(self) -> tuple[Part, ...]:
+    def deviating_parts(self) -> tuple[BodyPart, ...]:
         """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
-            return PARTS
+            return BODY_PARTS
         deviating = {*self._limbs.deviating_parts, *self.untracked, *self._ignored}
-        return tuple(part for part in PARTS if part in deviating)
+        return tuple(part for part in BODY_PARTS if part in deviating)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -126,7 +126,7 @@ class TrackingState:
         return self._feed.steady_head(now_s)
 
     def follow(
-        self, needed: Collection[Part], now_s: float, profile: InputProfile = CONTROLLERS
+        self, needed: Collection[BodyPart], now_s: float, profile: InputProfile = CONTROLLERS
     ) -> TrackingUpdate:
         """Returns the tracking of this tick, with the body's target pose if the newest frame is fresh.
 

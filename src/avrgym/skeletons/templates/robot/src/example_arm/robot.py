@@ -11,7 +11,7 @@ from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
 JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
 )  # fmt: skip
-SEED_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
+SEED_POSE_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
 """Close to the initial poses of tasks; `docs/how_to/add_a_robot.md` of AVR Gym explains how to find a seed pose."""
 
 
@@ -30,11 +30,11 @@ _ARM = tuned_arm(
     build,
     JOINTS,
     "hand",
-    np.radians(SEED_DEG),
+    np.radians(SEED_POSE_DEG),
     speed_limit=2.0,
     effort_limit=[80.0, 80.0, 60.0, 60.0, 30.0, 30.0, 30.0],
 )
-BETWEEN_TIPS_M = np.array([0.13, 0.0, 0.0])
+GRIP_POINT_M = np.array([0.13, 0.0, 0.0])
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of the cup in the hand: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -49,10 +49,10 @@ ROBOT = Robot(
     arms={"right": _ARM, "left": _ARM},
     mounts={"wheelchair": BESIDE, "bed": BESIDE},
     grips={
-        "spoon": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
-        "cup": Grip(BETWEEN_TIPS_M, CUP_ROTATION, fingers(0.042)),
-        "scratcher": Grip(BETWEEN_TIPS_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
-        "washcloth": Grip(BETWEEN_TIPS_M, WASHCLOTH_ROTATION, fingers(0.0098)),
+        "spoon": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
+        "cup": Grip(GRIP_POINT_M, CUP_ROTATION, fingers(0.042)),
+        "scratcher": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
+        "washcloth": Grip(GRIP_POINT_M, WASHCLOTH_ROTATION, fingers(0.0098)),
     },
     half_width_m=0.18,
 )
