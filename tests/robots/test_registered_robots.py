@@ -229,5 +229,5 @@ def test_a_name_that_is_taken_is_refused():
 def test_a_robot_does_the_tasks_for_which_it_has_everything():
     spoon_only = replace(FETCH, grips={"spoon": FETCH.grips["spoon"]})
     assert [name for name, task in TASKS.items() if suits(task, spoon_only)] == ["Feeding"]
-    with pytest.raises(ValueError, match="Fetch has no grip .cup.; it has"):
+    with pytest.raises(ValueError, match="Fetch has no grip"):
         TASKS["Drinking"].scene(spoon_only)

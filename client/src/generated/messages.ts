@@ -26,7 +26,7 @@ export type WatcherSource = "caregiver" | "experimenter";
 
 export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
-export type Part = "head" | "left" | "right";
+export type BodyPart = "head" | "left" | "right";
 
 export type Sex = "man" | "woman";
 
@@ -442,7 +442,7 @@ export interface StateChange {
   sequence: number;
   simulation_time_s: number;
   tracking_sequence: number;
-  deviating_parts: Part[];
+  deviating_parts: BodyPart[];
   joint_targets: Uint8Array;
   poses: Uint8Array;
 }
@@ -554,8 +554,8 @@ export interface Status {
   visibility: Visibility;
   left_modality: Modality;
   right_modality: Modality;
-  needed_parts: Part[];
-  untracked_parts: Part[];
+  needed_parts: BodyPart[];
+  untracked_parts: BodyPart[];
   operated: boolean;
   idle: boolean;
   latency: StageLatency[];
