@@ -7,9 +7,10 @@ import pytest
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.study.sessions.simulation import simulate_study
-from avrgym.study.sessions.visit import StudyVisit, headset_s
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.answers import AFTER_BREAK, answer_moments
+from avrgym.study.storage.session_summary import summarise_sessions
 from avrgym.study.storage.sessions import record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -62,12 +63,15 @@ def test_a_dry_run_goes_over_several_sessions(tmp_path: Path) -> None:
         assert list(completed) == [trial.id for trial in store.trials(name)]
         assert list(completed.values()) == sorted(completed.values())
         assert set(completed.values()) == {each.id for each in sessions}
-        assert all(headset_s(store, each) >= 0.2 * 60.0 for each in sessions[:-1])
+        summaries = summarise_sessions(store, name)
+        assert all(each.minutes >= 0.2 for each in summaries[:-1])
+        assert sum(each.trials for each in summaries) == len(completed)
         names = [each.name for each in store.events()]
         answers = store.answers(name)
         moments = answer_moments(store.design, answers, store.events())
         after_breaks = [each for each in answers if moments[each.id] == AFTER_BREAK]
         assert 0 < len(after_breaks) <= names.count("break begun") == names.count("break ended")
+        assert sum(each.breaks for each in summaries) == names.count("break begun")
         assert {each.item for each in after_breaks} == {"fatigue"}
 
 

@@ -619,6 +619,15 @@ def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
 
 
 ADDED = {
+    "0013_caregivers": [
+        f"ALTER TABLE {table} DROP COLUMN {column}"
+        for table, column in (
+            ("participant", "respondent"),
+            ("answer", "respondent"),
+            ("consent", "role"),
+            ("link", "role"),
+        )
+    ],
     "0012_input_profiles": [
         f"ALTER TABLE {table} DROP COLUMN input_profile" for table in ("participant", "attempt")
     ],

@@ -26,6 +26,7 @@ TaskName = rows.TaskName
 PolicyNameOrNone = Annotated[str | None, replace(TABLES["attempts"]["policy"], empty=ABOUT_SESSIONS)]
 ItemName = Annotated[str, _ANSWERS["item"]]
 N = Annotated[int, Column("Number of values.", allowed=AT_LEAST_0)]
+ByProxy = Annotated[int, Column("Number of values from answers of a proxy.", allowed="0 to n")]
 Mean = Annotated[float, Column("Mean.")]
 Minimum = Annotated[float, Column("Minimum.")]
 LowerQuartile = Annotated[float, Column("Lower quartile, by linear interpolation.")]

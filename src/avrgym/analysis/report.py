@@ -46,6 +46,7 @@ from avrgym.analysis.sites import sites_section
 from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
 from avrgym.analysis.streams import streams_section
 from avrgym.analysis.study import Analysis
+from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
@@ -95,6 +96,14 @@ def _notices(analysis: Analysis) -> Markup:
             "information about people and are analysed separately."
         )
         notices.append(warning_box("SIMULATED PARTICIPANTS.", words))
+    by_proxy = [row for row in analysis.observed.answers if row.respondent == PROXY]
+    if by_proxy:
+        people = len({row.participant for row in by_proxy})
+        words = (
+            f"A proxy gave {len(by_proxy)} of {len(analysis.observed.answers)} answers, for "
+            f"{count_text(people, 'participant')}. Tables count them in a column; tests and models contain them."
+        )
+        notices.append(warning_box("Answers by proxy.", words))
     notices += [warning_box("Rebuilt database.", words) for words in analysis.losses]
     if analysis.plan is not None and not analysis.plan.is_confirmatory:
         notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))

@@ -12,6 +12,7 @@ from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
 from avrgym.commands.input_names import METHODS, STOP_WAYS
+from avrgym.recording.respondents import ANSWERING
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -379,3 +380,21 @@ def preferences(
             record_preferences(store, participant, own)
             log(store, "record preferences", participant)
     print_line(in_words(own, texts.language))
+
+
+def respondent(
+    folder: Folder,
+    participant: Pseudonym,
+    who: Annotated[str, typer.Argument(help=f"{' or '.join(ANSWERING)}.", metavar="WHO")],
+) -> None:
+    """Store who answers the questionnaires for a participant from now on.
+
+    Answers by proxy are marked in all tables, figures and exports.
+    """
+    from avrgym.study.people.proxies import set_respondent
+    from avrgym.study.storage.store import Store
+
+    with report_errors(), Store(folder) as store:
+        set_respondent(store, participant, who)
+        log(store, "change respondent", participant, detail=who)
+    print_line(f"{participant}  questions are answered by: {who}")

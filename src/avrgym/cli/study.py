@@ -18,6 +18,7 @@ from avrgym.cli.participant_records import (
     participant_data,
     preferences,
     record_adverse_event,
+    respondent,
     retention,
 )
 from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power
@@ -35,6 +36,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.commands.input_names import METHODS
 from avrgym.models.body_names import SEXES
+from avrgym.recording.respondents import CONSENT_ROLES
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary
@@ -71,6 +73,7 @@ app.command()(participant_data)
 app.command()(data_protection)
 app.command()(functioning)
 app.command()(preferences)
+app.command()(respondent)
 app.command("input")(change_input)
 app.command()(add_experimenter)
 app.command()(experimenters)
@@ -170,49 +173,69 @@ def enrol(
 
 
 @app.command()
-def consent(folder: Folder, participant: Pseudonym) -> None:
+def consent(
+    folder: Folder,
+    participant: Pseudonym,
+    by: Annotated[
+        str, typer.Option("--by", help=f"Who consents: {', '.join(CONSENT_ROLES)}.")
+    ] = "participant",
+) -> None:
     """Ask a participant for consent.
 
     The inclusion questions follow. A participant who meets the criteria is allocated to an order. After a new version
-    of the consent text, participants must consent again.
+    of the consent text, participants must consent again. For people who cannot consent alone, store the consent of a
+    representative (--by proxy) and the participant's assent (--by assent).
     """
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
+        if by not in CONSENT_ROLES:
+            raise RuntimeError(f"--by is {by!r}; allowed: {', '.join(CONSENT_ROLES)}")
         person = store.participant(participant)
         if person.must_reconsent(store.design.consent.version):
-            if not _ask_again(store, person):
+            if not _ask_again(store, person, by):
                 return
-        elif person.state != "consented":
-            _ask_for_consent(store, person)
+        elif person.state != "consented" and not _ask_for_consent(store, person, by):
+            return
         if person.state != "allocated":
             _ask_for_inclusion(store, person)
 
 
-def _ask_for_consent(store: "Store", person: "Participant") -> None:
-    from avrgym.study.people.participants import record_consent
+def _ask_for_consent(store: "Store", person: "Participant", by: str) -> bool:
+    """Returns whether the consent is complete."""
     from avrgym.study.storage.states import check_transition
 
     check_transition("participant", person.pseudonym, person.state, "consented")
     if not _agrees(store, person):
         raise RuntimeError(f"{person} does not agree. Nothing was stored")
-    record_consent(store, person.pseudonym)
-    log(store, "consent", person.pseudonym)
+    return _record(store, person, by)
 
 
-def _ask_again(store: "Store", person: "Participant") -> bool:
+def _record(store: "Store", person: "Participant", by: str) -> bool:
+    """Store a consent. Returns whether it is complete: consent of a representative and assent need each other."""
+    from avrgym.study.people.participants import record_consent
+
+    complete = record_consent(store, person.pseudonym, by)
+    log(store, "consent", person.pseudonym, detail="" if by == CONSENT_ROLES[0] else by)
+    if not complete:
+        missing = "assent" if by == "proxy" else "proxy"
+        print_line(f"{person}: stored; next `avrgym study consent {store.folder} {person} --by {missing}`")
+    return complete
+
+
+def _ask_again(store: "Store", person: "Participant", by: str) -> bool:
     """Ask for consent to a new version of the text. Returns whether the participant still takes part."""
-    from avrgym.study.people.participants import decline_consent, record_consent
+    from avrgym.study.people.participants import decline_consent
 
     print_line(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
     if _agrees(store, person):
-        record_consent(store, person.pseudonym)
-        log(store, "consent", person.pseudonym)
-        print_line(f"{person} agrees to version {store.design.consent.version}")
-        return True
+        complete = _record(store, person, by)
+        if complete:
+            print_line(f"{person} agrees to version {store.design.consent.version}")
+        return complete
     if not confirm(f"Store that {person} does not agree and withdraws? This is final."):
         raise RuntimeError(f"{person} has not decided. Nothing was stored")
-    decline_consent(store, person.pseudonym)
+    decline_consent(store, person.pseudonym, by)
     log(store, "declined-consent", person.pseudonym)
     print_line(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")
     return False

@@ -41,12 +41,18 @@ class Versions(msgspec.Struct, frozen=True):
 
 
 class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The participant's consent. A field is ``None`` if the study did not store it."""
+    """A consent. A field is ``None`` if the study did not store it."""
 
     at: Annotated[str, Meta(description="ISO 8601, UTC.")]
     version: str | None = None
     language: str | None = None
     sha256: Annotated[str | None, Meta(description="Checksum of the consent text.")] = None
+    role: Annotated[
+        str | None,
+        Meta(
+            description="`proxy` (a representative) or `assent` (the participant); otherwise the participant's own."
+        ),
+    ] = None
 
 
 class TrackedPart(msgspec.Struct, frozen=True):
@@ -126,6 +132,12 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     )
     headset_check: HeadsetCheck | None = None
     consent: RecordedConsent | None = None
+    proxy_consent: Annotated[
+        RecordedConsent | None, Meta(description="Consent of a representative; `consent` is then the assent.")
+    ] = None
+    respondent: Annotated[
+        str, Meta(description="Who answers the questionnaires: `participant` or `proxy`.")
+    ] = "participant"
     input_profile: Annotated[
         InputProfile, Meta(description="How the participant selected and stopped, at the start of the trial.")
     ] = CONTROLLERS

@@ -81,7 +81,11 @@ def mean_answers_figures(
             caption = f"{questionnaire.name}: mean answers over all trials, as in the paper{tested}"
             figure = means_figure(design, questionnaire, own, differ)
             yield finish_figure(
-                simulated, f"{trial_figure_name(design, questionnaire)}-means", caption, figure
+                simulated,
+                f"{trial_figure_name(design, questionnaire)}-means",
+                caption,
+                figure,
+                proxy_note(sum(row.by_proxy for row in own), sum(row.n for row in own)),
             )
 
 
@@ -171,7 +175,14 @@ def _likert_figure(
         _axis(axes, brackets * BRACKET_WIDTH_IN / share_in, label)
         axes.set_ylabel(what)
         axes.set_ylim(bottom - 0.4, 0.0)
-    return finish_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure)
+    rows = [row for own in groups.values() for row in own]
+    note = proxy_note(sum(row.by_proxy for row in rows), sum(row.count for row in rows))
+    return finish_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure, note)
+
+
+def proxy_note(by_proxy: int, answers: int) -> str:
+    """Returns the mark of figures and tables with answers of proxies; empty without such answers."""
+    return f"{by_proxy} of {answers} answers by a proxy" if by_proxy else ""
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:

@@ -15,6 +15,7 @@ from avrgym.analysis.answers.session_answers import (
 )
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
 from avrgym.analysis.columns import (
+    ByProxy,
     IsSimulated,
     LowerQuartile,
     Maximum,
@@ -41,6 +42,7 @@ from avrgym.analysis.statistics.comparisons import (
 from avrgym.analysis.statistics.tests import summary_statistics
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.system.columns import Column
@@ -58,6 +60,7 @@ class ScoreSummaryRow:
     ]
     policy: PolicyNameOrNone
     n: N
+    by_proxy: ByProxy
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -72,11 +75,16 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
             values = list(_with_policy(own, scale, policy).values())
-            rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values)
+            proxies = _by_proxy(own, scale, (AFTER_TRIAL,), policy)
+            rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values, len(proxies))
         given = _about_sessions(own)
         for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE)):
             values = values_at_moment(moment, scale, given)
-            rows += _summary_rows(simulated, questionnaire, scale, moment, None, values)
+            moments = SESSION_MOMENTS if moment == CHANGE else (moment,)
+            people = {row.participant for row in _by_proxy(own, scale, moments, None)}
+            if moment == CHANGE:
+                people &= set(given.get((BEFORE, scale), {})) & set(given.get((AFTER, scale), {}))
+            rows += _summary_rows(simulated, questionnaire, scale, moment, None, values, len(people))
     return rows
 
 
@@ -158,6 +166,19 @@ def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key,
     }
 
 
+def _by_proxy(
+    rows: Sequence[ScoreRow], scale: str, moments: Sequence[str], policy: str | None
+) -> list[ScoreRow]:
+    """Returns the scores that contain an answer of a proxy."""
+    return [
+        row
+        for row in rows
+        if (row.respondent, row.scale, row.policy) == (PROXY, scale, policy)
+        and row.moment in moments
+        and row.score is not None
+    ]
+
+
 def _about_sessions(rows: Sequence[ScoreRow]) -> Mapping[tuple[str, str], Mapping[str, float]]:
     given: dict[tuple[str, str], dict[str, float]] = {}
     for row in rows:
@@ -173,6 +194,7 @@ def _summary_rows(
     moment: str,
     policy: str | None,
     values: Sequence[float],
+    by_proxy: int,
 ) -> list[ScoreSummaryRow]:
     """Returns one row with the summary of ``values``; an empty list if there are no values."""
     if not values:
@@ -184,6 +206,7 @@ def _summary_rows(
             scale=scale,
             moment=moment,
             policy=policy,
+            by_proxy=by_proxy,
             **summary_statistics(values),
         )
     ]
@@ -242,17 +265,17 @@ def _of_instrument(
 
 
 def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: Instrument) -> Markup:
-    heads = ("Scale", "From", "to", "Policy", "When", "n", "Median", "Quartiles", "Mean", "Range")
+    heads = ("Scale", "From", "to", "Policy", "When", "n", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [
         (
             row.scale, *_range_cells(row, instrument), row.policy or "",
-            MOMENT_LABELS.get(row.moment, "after trials"), row.n, short_number(row.median),
+            MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, short_number(row.median),
             f"{short_number(row.lower_quartile)} to {short_number(row.upper_quartile)}", number_text(row.mean),
             f"{short_number(row.minimum)} to {short_number(row.maximum)}",
         )
         for row in rows
     ]  # fmt: skip
-    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9))
+    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9, 10))
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
@@ -273,12 +296,13 @@ def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:
         "Score",
         "Answered",
         "Counted",
+        "Answered by",
     )
     body = [
         (
             row.participant, row.moment.replace("_", " "), row.position or "", row.task or "", row.robot or "",
             row.policy or "", row.scale, number_text(row.score, absent="–"), f"{row.answered} of {row.items}",
-            "yes" if row.counted else "no",
+            "yes" if row.counted else "no", row.respondent,
         )
         for row in rows
     ]  # fmt: skip

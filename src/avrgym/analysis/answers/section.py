@@ -100,7 +100,7 @@ def _about_sessions(
     if not rows:
         return Markup()
     name, when = questionnaire.name, " and ".join(MOMENT_LABELS[each] for each in _moments(questionnaire))
-    heads = ("Item", "When", "n", "Median", "Quartiles", "Mean", "Range")
+    heads = ("Item", "When", "n", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, MOMENT_LABELS[row.moment], *_quartiles(row)) for row in rows]
     caption = group_caption(f"{name}: answers {when} sessions, one for each participant", simulated)
     return tag(
@@ -108,7 +108,7 @@ def _about_sessions(
         tag("h4", f"{name}, asked {when} sessions"),
         _statements(questionnaire),
         inline_figures(drawings, session_figure_name(questionnaire)),
-        table(caption, heads, body, numbers=(2, 3, 4, 5, 6)),
+        table(caption, heads, body, numbers=(2, 3, 4, 5, 6, 7)),
         tests.pop(change_question(questionnaire).table, Markup()),
     )
 
@@ -124,10 +124,11 @@ def _statements(questionnaire: Questionnaire) -> Markup:
     )
 
 
-def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:
-    """Returns number of answers, median, quartiles, mean and range as table cells."""
+def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, int, str, str, str, str]:
+    """Returns number of answers, number of answers by a proxy, median, quartiles, mean and range as table cells."""
     return (
-        row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
+        row.n, row.by_proxy, _brief_number(row.median),
+        f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
         number_text(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
     )  # fmt: skip
 
@@ -138,6 +139,6 @@ def _brief_number(value: float) -> str:
 
 
 def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
-    heads = ("Item", "Policy", "Task", "Robot", "Trials", "Median", "Quartiles", "Mean", "Range")
+    heads = ("Item", "Policy", "Task", "Robot", "Trials", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
-    return table(group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))
+    return table(group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8, 9))

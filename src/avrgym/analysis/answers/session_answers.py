@@ -9,6 +9,7 @@ import numpy as np
 
 from avrgym.analysis.answers.trial_answers import LikertRow, value_frequencies
 from avrgym.analysis.columns import (
+    ByProxy,
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -31,6 +32,7 @@ from avrgym.analysis.statistics.comparisons import (
 )
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
@@ -50,6 +52,7 @@ class SessionAnswerRow:
     item: ItemName
     moment: Annotated[str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER}, {CHANGE}")]
     n: N
+    by_proxy: ByProxy
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -76,7 +79,8 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
             values = values_at_moment(moment, item.id, given)
             if values:
-                rows.append(_summary(simulated, questionnaire.name, item.id, moment, values))
+                proxies = _participants_with_proxy(answers, simulated, moment, item.id)
+                rows.append(_summary(simulated, questionnaire.name, item.id, moment, values, len(proxies)))
     return rows
 
 
@@ -84,11 +88,11 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
     """Returns how often each value of each item was given, before and after sessions."""
     return [
         row
-        for simulated, questionnaire, given in _asked(design, answers)
+        for simulated, questionnaire, _ in _asked(design, answers)
         for item, moment in product(questionnaire.items, SESSION_MOMENTS)
         if moment in questionnaire.moments
         for row in value_frequencies(
-            simulated, questionnaire, moment, item, None, list(given.get((moment, item.id), {}).values())
+            simulated, questionnaire, moment, item, None, _counted(answers, simulated, moment, item.id)
         )
     ]
 
@@ -153,13 +157,30 @@ def _asked(
             yield simulated, questionnaire, given
 
 
+def _counted(answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str) -> list[AnswerRow]:
+    wanted = (True, simulated, moment, quantity)
+    return [row for row in answers if (row.counted, row.simulated, row.moment, row.item) == wanted]
+
+
+def _participants_with_proxy(
+    answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
+) -> set[str]:
+    """The participants whose value comes from an answer of a proxy; a change comes from two answers."""
+    moments = SESSION_MOMENTS if moment == CHANGE else (moment,)
+    given = [_counted(answers, simulated, each, quantity) for each in moments]
+    known = set[str].intersection(*({row.participant for row in own} for own in given))
+    proxies = {row.participant for own in given for row in own if row.respondent == PROXY}
+    return known & proxies
+
+
 def _summary(
-    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[float]
+    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[float], by_proxy: int
 ) -> SessionAnswerRow:
     return SessionAnswerRow(
         simulated=simulated,
         questionnaire=questionnaire,
         item=item,
         moment=moment,
+        by_proxy=by_proxy,
         **summary_statistics(values),
     )

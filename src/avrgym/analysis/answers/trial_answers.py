@@ -8,6 +8,7 @@ from typing import Annotated
 from avrgym.analysis.columns import (
     AT_LEAST_0,
     SHARE,
+    ByProxy,
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -39,6 +40,7 @@ from avrgym.analysis.statistics.comparisons import (
 )
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.storage.item_versions import base_name
 from avrgym.system.columns import Column
@@ -54,6 +56,7 @@ class SubjectiveRow:
     task: TaskName
     robot: RobotName
     n: N
+    by_proxy: ByProxy
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -73,6 +76,7 @@ class LikertRow:
     policy: PolicyNameOrNone
     value: Annotated[int, Column("Value on the item's scale.")]
     count: Annotated[int, Column("Number of answers with this value.", allowed=AT_LEAST_0)]
+    by_proxy: Annotated[int, Column("Number of these answers by a proxy.", allowed="0 to count")]
     share: Annotated[float, Column("Share of answers with this value.", allowed=SHARE)]
 
 
@@ -85,13 +89,13 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
         for item, policy, task, robot in product(trial_items(design), design.policies, tasks, robots):
-            values = [
-                row.value
+            own = [
+                row
                 for row in _counted_answers(answers, simulated, item.id, policy)
                 if task in (row.task, ALL) and robot in (row.robot, ALL)
             ]
-            if values:
-                rows.append(_summary(simulated, item.id, policy, task, robot, values))
+            if own:
+                rows.append(_summary(simulated, item.id, policy, task, robot, own))
     return rows
 
 
@@ -100,8 +104,8 @@ def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
-            values = [row.value for row in _counted_answers(answers, simulated, item.id, policy)]
-            rows += value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, values)
+            own = _counted_answers(answers, simulated, item.id, policy)
+            rows += value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, own)
     return rows
 
 
@@ -111,9 +115,11 @@ def value_frequencies(
     moment: str,
     item: Item,
     policy: str | None,
-    values: Sequence[float],
+    answers: Sequence[AnswerRow],
 ) -> list[LikertRow]:
-    """Returns how often each value on the scale of ``item`` is in ``values``."""
+    """Returns how often each value on the scale of ``item`` is in ``answers``."""
+    values = [row.value for row in answers]
+    of_proxies = [row.value for row in answers if row.respondent == PROXY]
     return [
         LikertRow(
             simulated=simulated,
@@ -123,6 +129,7 @@ def value_frequencies(
             policy=policy,
             value=value,
             count=values.count(value),
+            by_proxy=of_proxies.count(value),
             share=values.count(value) / len(values) if values else 0.0,
         )
         for value in questionnaire.scale_of(item).values
@@ -230,7 +237,7 @@ def _key(row: AnswerRow) -> Key:
 
 
 def _summary(
-    simulated: bool, item: str, policy: str, task: str, robot: str, values: Sequence[int]
+    simulated: bool, item: str, policy: str, task: str, robot: str, answers: Sequence[AnswerRow]
 ) -> SubjectiveRow:
     return SubjectiveRow(
         simulated=simulated,
@@ -238,5 +245,6 @@ def _summary(
         policy=policy,
         task=task,
         robot=robot,
-        **summary_statistics(values),
+        by_proxy=sum(row.respondent == PROXY for row in answers),
+        **summary_statistics([row.value for row in answers]),
     )

@@ -113,10 +113,15 @@ def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
-def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
-    """Returns the figure as a drawing. A figure of simulated participants is marked in picture, name and caption."""
-    if simulated:
-        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
+def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note: str = "") -> Drawing:
+    """Returns the figure as a drawing. A figure of simulated participants is marked in picture, name and caption.
+
+    ``note``: another mark, in picture and caption.
+    """
+    marks = [*(["SIMULATED PARTICIPANTS"] if simulated else []), *([note] if note else [])]
+    if marks:
+        figure.suptitle("; ".join(marks), color=WARNING, fontsize=8, x=0.01, ha="left")
+    caption = f"{caption}; {note}" if note else caption
     suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")
     return Drawing(f"{kind}-{suffix}", f"{caption} ({group})", figure)
 

@@ -18,6 +18,7 @@ from avrgym.analysis.sites import site_of
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.analysis.study import Analysis
 from avrgym.questionnaires.questionnaire import Questionnaire
+from avrgym.recording.respondents import PROXY
 from avrgym.study.design.description import (
     describe_blinding,
     describe_conditions,
@@ -35,7 +36,9 @@ LOST_ANSWERS = "Answers from before the rebuild of the database are lost."
 MOMENTS = {
     "before_session": "before each session",
     "after_trial": "after each trial",
+    "after_break": "after each break",
     "after_session": "after each session",
+    "caregiver": "to caregivers",
 }
 Sections = Mapping[str, list[str]]
 """The paragraphs of the methods section, by heading."""
@@ -264,6 +267,9 @@ def _measures(analysis: Analysis) -> Iterator[str]:
     for each in analysis.design.questionnaires:
         yield _questionnaire(each)
     yield from _versions(analysis)
+    by_proxy = sum(row.respondent == PROXY for row in analysis.observed.answers)
+    if by_proxy:
+        yield f"Proxies gave {by_proxy} of {len(analysis.observed.answers)} answers for participants."
     if analysis.design.practice_policy:
         yield "Practice trials have no questionnaire."
 

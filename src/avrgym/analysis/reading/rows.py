@@ -203,6 +203,7 @@ class _AnswerColumns(ParticipantColumns):
     counted: Counted
     session: Session
     moment: Moment
+    respondent: Annotated[str, _ANSWERS["respondent"]]
     questionnaire: Annotated[
         str | None, replace(_ANSWERS["questionnaire"], empty="the design has no such item")
     ]

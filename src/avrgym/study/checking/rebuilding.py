@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from avrgym.recording import answers_file
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
+from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.writer import end_cut_recording
 from avrgym.study.checking.participation_checks import list_error, restored_recordings_message
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
@@ -280,10 +281,16 @@ class _Rebuilding:
         if state in PARTICIPATING and not plan:
             state = UNKNOWN
         row = values | {"number": number, "state": state, "cell": cell}
+        if recorded_attempts and recorded_attempts[-1].configuration.respondent != RESPONDENTS[0]:
+            row["respondent"] = recorded_attempts[-1].configuration.respondent
         hash_chain.insert(connection, schema.PARTICIPANT, **row)
         self._unknown += state == UNKNOWN
         consents = self._listed.consents(number) if self._listed and not self._fault else []
-        recorded = [each.configuration.consent for each in recorded_attempts]
+        recorded = [
+            consent
+            for each in recorded_attempts
+            for consent in (each.configuration.consent, each.configuration.proxy_consent)
+        ]
         restore_consents(self._store, connection, number, [*consents, *(each for each in recorded if each)])
         claimed = f"the invalid list contains the state {content['state']}" if content and self._fault else ""
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
@@ -356,6 +363,8 @@ class _Rebuilding:
         for time_ns, answer in latest.values():
             given = late.get(answer.item) or _stored(recorded.began_at + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
+            if recorded.configuration.respondent != RESPONDENTS[0]:
+                row["respondent"] = recorded.configuration.respondent
             hash_chain.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
             )

@@ -16,6 +16,7 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
@@ -31,6 +32,7 @@ from avrgym.study.people.participants import (
     set_identity,
     withdraw,
 )
+from avrgym.study.people.proxies import set_respondent
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -119,9 +121,13 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A decision about the consent text. ``version``: the version that the participant read."""
+    """A decision about the consent text. ``version``: the version that the person read.
+
+    ``role``: one of ``CONSENT_ROLES``.
+    """
 
     version: str
+    role: str = CONSENT_ROLES[0]
 
 
 class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -134,6 +140,12 @@ class NewInput(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change how the participant selects and stops. ``profile``: see ``recording.input_profile``."""
 
     profile: dict[str, Any]
+
+
+class NewRespondent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request to change who answers the questionnaires: see ``ANSWERING``."""
+
+    respondent: str
 
 
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -198,12 +210,12 @@ def _identify(dashboard: Dashboard, pseudonym: str, identification: Identificati
 
 def _consent(dashboard: Dashboard, pseudonym: str, agreement: Agreement) -> None:
     _check_version(dashboard, agreement)
-    record_consent(dashboard.store, pseudonym)
+    record_consent(dashboard.store, pseudonym, agreement.role)
 
 
 def _decline(dashboard: Dashboard, pseudonym: str, refusal: Agreement) -> None:
     _check_version(dashboard, refusal)
-    decline_consent(dashboard.store, pseudonym)
+    decline_consent(dashboard.store, pseudonym, refusal.role)
 
 
 def _check_version(dashboard: Dashboard, agreement: Agreement) -> None:
@@ -224,6 +236,10 @@ def _change_input(dashboard: Dashboard, pseudonym: str, new: NewInput) -> None:
         dashboard.live.change_input(pseudonym, profile)
     else:
         set_input_profile(dashboard.store, pseudonym, profile)
+
+
+def _change_respondent(dashboard: Dashboard, pseudonym: str, new: NewRespondent) -> None:
+    set_respondent(dashboard.store, pseudonym, new.respondent)
 
 
 def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
@@ -267,6 +283,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "declined-consent": (Agreement, _decline),
     "inclusion": (InclusionAnswers, _include),
     "input": (NewInput, _change_input),
+    "respondent": (NewRespondent, _change_respondent),
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),
     "edited-notes": (EditedNote, _edit_note),
@@ -278,6 +295,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
 LOGGED_AS = {
     "identity": "change identity",
     "input": "change input",
+    "respondent": "change respondent",
     "withdrawal": "withdraw",
     "notes": "add note",
     "edited-notes": "edit note",

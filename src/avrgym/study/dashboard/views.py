@@ -11,6 +11,7 @@ import msgspec
 from avrgym.commands.input_names import InputMethod, StopWay
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
+from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Metrics
 from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design
@@ -24,12 +25,14 @@ from avrgym.study.people.adverse_events import (
     group_by_event,
     safety_events,
 )
+from avrgym.study.people.consents import describe, missing_role
 from avrgym.study.people.participants import consent_text, participant_texts
 from avrgym.study.people.retention import describe_due, today
 from avrgym.study.storage.answers import attempts_with_open_questionnaire
 from avrgym.study.storage.identity_file import named_pseudonyms
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
+from avrgym.study.storage.session_summary import SessionSummary, summarise_sessions
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
@@ -132,7 +135,8 @@ class ParticipantView:
 
     ``consent`` and ``inclusion`` (texts by id) are in the participant's ``language``. ``must_reconsent``: the
     participant accepted another version of the consent text. ``input``: how the participant selects and stops;
-    ``input_words``: the same in one line.
+    ``input_words``: the same in one line. ``consents``: all decisions in words. ``missing_consent``: ``proxy`` or
+    ``assent`` if only the other one was given. ``respondent``: who answers the questionnaires.
     """
 
     participant: str
@@ -151,6 +155,10 @@ class ParticipantView:
     consented_at: str | None
     consent_version: str | None
     must_reconsent: bool
+    consents: tuple[str, ...]
+    missing_consent: str
+    respondent: str
+    sessions: tuple[SessionSummary, ...]
     scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
     notes: tuple[Note, ...]
@@ -200,6 +208,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
+    consents = store.consents(pseudonym)
     left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     return ParticipantView(
         participant=pseudonym,
@@ -218,6 +227,10 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         consented_at=participant.consented_at,
         consent_version=participant.consent_version,
         must_reconsent=participant.must_reconsent(design.consent.version),
+        consents=tuple(describe(each) for each in consents),
+        missing_consent=missing_role(consents, design.consent.version),
+        respondent=participant.respondent or RESPONDENTS[0],
+        sessions=tuple(summarise_sessions(store, pseudonym)),
         scores=tuple(_scores(store, participant)),
         trials=tuple(_trial(design, trial, attempts[trial.id], left) for trial in store.trials(pseudonym)),
         notes=tuple(store.notes(pseudonym)),

@@ -7,6 +7,7 @@ from avrgym.commands.input_names import METHODS
 from avrgym.models.human import SEXES
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.recording.respondents import CONSENT_ROLES, RESPONDENTS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
@@ -87,6 +88,14 @@ PolicyName = Annotated[str, _policy()]
 AttemptNumber = Annotated[int, _attempt()]
 Reward = Annotated[float | None, Column("Sum of the rewards of all control steps.", empty=_NO_METRICS)]
 Moment = Annotated[str, Column("Time of the questions.", allowed=_one_of(*MOMENTS))]
+Respondent = Annotated[
+    str,
+    Column(
+        "Who answered: the participant, a proxy for the participant, or a caregiver for themselves. A score with an "
+        "answer of a proxy is that of a proxy.",
+        allowed=_one_of(*RESPONDENTS),
+    ),
+]
 QuestionnaireName = Annotated[str, Column("Name of the questionnaire.")]
 InstrumentName = Annotated[
     str, Column("The validated questionnaire that it uses.", allowed=_one_of(*INSTRUMENTS))
@@ -134,7 +143,15 @@ class ConsentRow:
     site: Site
     simulated: IsSimulated
     decision: Annotated[int, Column("Number of the participant's decision.", allowed=_FROM_1)]
-    agreed: Annotated[bool, Column("Whether the participant agreed.")]
+    role: Annotated[
+        str,
+        Column(
+            "Role of the decision: the participant; a representative (proxy); or the participant who assents to the "
+            "consent of a representative.",
+            allowed=_one_of(*CONSENT_ROLES),
+        ),
+    ]
+    agreed: Annotated[bool, Column("Whether the person agreed.")]
     version: Annotated[
         str | None, Column("Version of the consent text.", empty="not stored by the version of AVR Gym")
     ]
@@ -262,6 +279,7 @@ class AnswerIdentifiers:
     policy: Annotated[str | None, _policy(_SESSION_ANSWER)]
     attempt: Annotated[int | None, _attempt(_SESSION_ANSWER)]
     moment: Moment
+    respondent: Respondent
     questionnaire: QuestionnaireName
 
 

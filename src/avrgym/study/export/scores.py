@@ -1,12 +1,13 @@
 """Compute scores of validated questionnaires from a participant's answers at one time."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import Questionnaire
+from avrgym.recording.respondents import RESPONDENTS
 from avrgym.study.design.design import Design
 from avrgym.study.export.rows import ScaleRow, ScoreRow
 from avrgym.study.export.trials import ExportedAnswer
@@ -29,12 +30,18 @@ class Score:
     value: float | None
     answers: tuple[ExportedAnswer, ...]
 
+    @property
+    def _respondent(self) -> str:
+        """A proxy if one of the answers is that of a proxy."""
+        given = {answer.stored.respondent or RESPONDENTS[0] for answer in self.answers}
+        return RESPONDENTS[1] if RESPONDENTS[1] in given else self.answers[-1].identifiers().respondent
+
     def row(self) -> ScoreRow:
         """This score as a row of a table."""
         minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
-            **vars(self.answers[-1].identifiers()),
+            **vars(replace(self.answers[-1].identifiers(), respondent=self._respondent)),
             instrument=self.instrument.name,
             scale=self.scale,
             score=self.value,

@@ -133,6 +133,7 @@ def consent_rows(store: Store) -> Iterator[ConsentRow]:
                 site=participant.site,
                 simulated=participant.simulated,
                 decision=number,
+                role=each.consent_role,
                 agreed=each.agreed,
                 version=each.version,
                 language=each.language,

@@ -14,6 +14,7 @@ from avrgym.recording.reader import (
     read_header,
     read_recording,
 )
+from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Control
 from avrgym.recording.world import recorded_images
 from avrgym.robots.registry import find_robot
@@ -171,6 +172,7 @@ class ExportedAnswer:
             policy=attempt and attempt.trial.policy,
             attempt=attempt and attempt.attempt.number,
             moment=self.moment,
+            respondent=self.stored.respondent or RESPONDENTS[0],
             questionnaire=self.questionnaire.name,
         )
 

@@ -1,13 +1,14 @@
 """Decisions about consent texts. A decision contains the checksum of the text, and the archive contains the text."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording.configuration import RecordedConsent
+from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
 from avrgym.study.storage.schema import now
@@ -53,10 +54,11 @@ def store_consent(
     participant: Participant,
     shown: ShownText,
     first_language: str,
+    role: str,
     *,
     agreed: bool,
 ) -> Consent:
-    """Store a participant's decision about a consent text, and archive a new text.
+    """Store a decision about a consent text, and archive a new text. ``role``: one of ``CONSENT_ROLES``.
 
     Raises:
         StudyError: if a participant read another text with the same version and language.
@@ -69,18 +71,45 @@ def store_consent(
             f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = now(), _archived(connection, shown, archive)
+    stored_role = None if role == CONSENT_ROLES[0] else role
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
-    key = hash_chain.insert(connection, schema.CONSENT, participant=participant.number, **row)
-    return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256)
+    key = hash_chain.insert(
+        connection, schema.CONSENT, participant=participant.number, role=stored_role, **row
+    )
+    return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256, stored_role)
 
 
-def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
-    """The latest consent in the format of recordings; ``None`` without consent."""
-    agreed = [each for each in consents if each.agreed]
+def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
+    """Whether a consent suffices with the ``others`` of the participant. Proxy consent and assent need each other."""
+    missing = {"proxy": "assent", "assent": "proxy"}.get(decision.consent_role)
+    latest = [each for each in others if each.role == missing and each.version == decision.version]
+    return decision.agreed and (missing is None or (bool(latest) and latest[-1].agreed))
+
+
+def missing_role(consents: Sequence[Consent], version: str) -> str:
+    """``proxy`` or ``assent`` if only the other one agreed to a version; otherwise empty."""
+    latest = {each.role: each.agreed for each in consents if each.version == version and each.role}
+    given = [role for role, agreed in latest.items() if agreed]
+    return {"proxy": "assent", "assent": "proxy"}[given[0]] if len(given) == 1 else ""
+
+
+def describe(consent: Consent) -> str:
+    """A decision in words, without its time."""
+    who = {"proxy": "consent of a representative", "assent": "assent of the participant"}
+    named = who.get(consent.consent_role, "consent of the participant")
+    return f"{named}, version {consent.version}: {'yes' if consent.agreed else 'no'}"
+
+
+def latest_consent(consents: Iterable[Consent], *, of_proxy: bool = False) -> RecordedConsent | None:
+    """The latest consent in the format of recordings; ``None`` without consent.
+
+    ``of_proxy``: that of a representative; otherwise the participant's own consent or assent.
+    """
+    agreed = [each for each in consents if each.agreed and (each.role == "proxy") is of_proxy]
     if not agreed:
         return None
     latest = agreed[-1]
-    return RecordedConsent(latest.at, latest.version, latest.language, latest.sha256)
+    return RecordedConsent(latest.at, latest.version, latest.language, latest.sha256, latest.role)
 
 
 def restore_consents(

@@ -9,10 +9,11 @@ import sqlalchemy as sa
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME
-from avrgym.study.people.consents import ShownText, restore_consents, store_consent
+from avrgym.study.people.consents import ShownText, is_complete, restore_consents, store_consent
 from avrgym.study.people.identities import check_duplicate
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
@@ -34,6 +35,8 @@ from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
 RECONSENTED = "participant consented again"
 """Name of the event of a consent to a new version of the text."""
+CONSENT_INCOMPLETE = "consent incomplete"
+"""Name of the event of a proxy consent without assent, or of an assent without proxy consent."""
 
 
 def enrol(
@@ -136,8 +139,11 @@ def consent_text(store: Store, participant: Participant) -> ShownText:
     return ShownText(consent.version, texts.language, texts.translate(consent.text))
 
 
-def record_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant agreed to the design's consent text in their language.
+def record_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -> bool:
+    """Store a consent to the design's text in the participant's language.
+
+    ``role``: one of ``CONSENT_ROLES``. A representative's consent and the participant's assent are two records, in any
+    order; the participant takes part only with both. Returns whether the consent is complete.
 
     Re-consent to a new version changes neither state, order nor earlier consents.
 
@@ -150,8 +156,14 @@ def record_consent(store: Store, pseudonym: str) -> None:
         again = participant.must_reconsent(store.design.consent.version)
         if not again:
             check_transition("participant", pseudonym, participant.state, "consented")
-        given = _store_consent(store, connection, participant, agreed=True)
+        before = find_all(connection, Consent, participant=participant.number)
+        given = _store_consent(store, connection, participant, role, agreed=True)
         about, detail = {"participant": participant.number}, f"version {given.version}"
+        if given.role is not None:
+            detail = f"{given.role}, {detail}"
+        if not is_complete(given, before):
+            record_event(connection, CONSENT_INCOMPLETE, detail, about)
+            return False
         values = {
             "consented_at": given.at,
             "consent_version": given.version,
@@ -162,27 +174,33 @@ def record_consent(store: Store, pseudonym: str) -> None:
             record_event(connection, RECONSENTED, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
+    return True
 
 
-def decline_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant does not consent to a new version of the text, and withdraw the participant.
+def decline_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -> None:
+    """Store that a new version of the text, or the assent, is declined, and withdraw the participant.
+
+    ``role``: one of ``CONSENT_ROLES``.
 
     Raises:
-        StudyError: if no re-consent is necessary.
+        StudyError: if no re-consent is necessary, except for a new participant who declines to assent.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
-        if not participant.must_reconsent(store.design.consent.version):
+        dissents = role == "assent" and participant.state == "enrolled"
+        if not dissents and not participant.must_reconsent(store.design.consent.version):
             raise StudyError(f"{pseudonym} needs no re-consent; use `avrgym study withdraw` for a withdrawal")
-        declined = _store_consent(store, connection, participant, agreed=False)
+        declined = _store_consent(store, connection, participant, role, agreed=False)
         _withdraw(store, connection, participant, f"does not agree to version {declined.version}")
 
 
 def _store_consent(
-    store: Store, connection: sa.Connection, participant: Participant, *, agreed: bool
+    store: Store, connection: sa.Connection, participant: Participant, role: str, *, agreed: bool
 ) -> Consent:
+    if role not in CONSENT_ROLES:
+        raise StudyError(f"unknown role {role!r} of a consent; allowed: {', '.join(CONSENT_ROLES)}")
     shown = consent_text(store, participant)
-    return store_consent(connection, participant, shown, store.design.languages[0], agreed=agreed)
+    return store_consent(connection, participant, shown, store.design.languages[0], role, agreed=agreed)
 
 
 def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:

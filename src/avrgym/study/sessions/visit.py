@@ -13,6 +13,7 @@ from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
@@ -32,12 +33,12 @@ from avrgym.study.storage.answers import (
     change_session_answer,
     record_answer,
     record_session_answer,
-    sessions_of_visit,
     skip_questionnaire,
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.free_text import check_line
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.storage.session_summary import earlier_headset_s
 from avrgym.study.storage.sessions import (
     close_session,
     open_session,
@@ -60,8 +61,6 @@ from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
-HEADSET_USED = "headset used"
-"""Name of the event with a time in VR."""
 STORE_TIMEOUT_S = 20.0
 """Maximum time to store the end of a session, in seconds."""
 
@@ -97,7 +96,7 @@ class StudyVisit:
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
         self._watch = SessionWatch(store, self.stored.id)
-        self.headset_time = HeadsetTime(store.design.sessions, headset_s(store, self.stored, before=True))
+        self.headset_time = HeadsetTime(store.design.sessions, earlier_headset_s(store, self.stored))
         self._store_policies()
 
     @property
@@ -244,14 +243,6 @@ class StudyVisit:
         self.close()
 
 
-def headset_s(store: Store, session: StudySession, *, before: bool = False) -> float:
-    """Time in VR of a session in seconds; with ``before``, of the interrupted sessions that it continues."""
-    sessions = store.sessions(pseudonym_of(session.participant))
-    ids = set(sessions_of_visit(sessions, session.id)) - {session.id} if before else {session.id}
-    used = [event for event in store.events() if event.session in ids and event.name == HEADSET_USED]
-    return sum(float(event.detail.removeprefix("seconds ")) for event in used)
-
-
 def has_remaining(store: Store, pseudonym: str) -> bool:
     """Whether a trial or an open questionnaire of the participant remains."""
     return bool(
@@ -304,6 +295,8 @@ def plan_session(
         first_trial=len(trials) - len(store.remaining_trials(pseudonym)) + 1,
         open_questionnaire=_open_questionnaire(store, pseudonym, trials),
         consent=latest_consent(store.consents(pseudonym)),
+        proxy_consent=latest_consent(store.consents(pseudonym), of_proxy=True),
+        respondent=participant.respondent or RESPONDENTS[0],
         settings=design.settings,
         allow_other_settings=design.allow_other_settings,
         session_rules=design.sessions,

@@ -3,15 +3,25 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_answer
+from avrgym.recording.respondents import CAREGIVER
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import StudyAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
+from avrgym.study.storage.rows import (
+    Participant,
+    StudyAnswer,
+    StudyEvent,
+    StudySession,
+    Trial,
+    TrialAttempt,
+    pseudonym_of,
+)
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
@@ -246,7 +256,13 @@ def _change(
     earlier = next((each for each in given if each.item == answer.item), None)
     if earlier is None:
         raise StudyError(f"{answer.item} is not answered yet; allowed: items with an answer")
-    changed = {"value": answer.value, "response_time_s": answer.response_time_s, "answered_at": now()}
+    changed: dict[str, Any] = {
+        "value": answer.value,
+        "response_time_s": answer.response_time_s,
+        "answered_at": now(),
+    }
+    if earlier.respondent != CAREGIVER:
+        changed["respondent"] = _respondent(connection, earlier.session)
     hash_chain.update(connection, schema.ANSWER, earlier.id, **changed)
     record_event(connection, ANSWER_CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
 
@@ -262,7 +278,14 @@ def _insert_answer(
     _check(items, answer)
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
-    hash_chain.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)
+    values = asdict(answer) | {"answered_at": now(), "respondent": _respondent(connection, about["session"])}
+    hash_chain.insert(connection, schema.ANSWER, **values, **about)
+
+
+def _respondent(connection: sa.Connection, session_id: int) -> str | None:
+    """The person who answers for the participant of a session; ``None`` for the participant."""
+    session = find(connection, StudySession, f"session {session_id}", id=session_id)
+    return find(connection, Participant, "participant", number=session.participant).respondent
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:

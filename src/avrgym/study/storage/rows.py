@@ -9,6 +9,7 @@ import msgspec
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
 from avrgym.tasks.registry import find_environment
@@ -35,7 +36,7 @@ class Participant:
     """A participant. ``cell``: index of the order of trials. ``inclusion``: answers by question id.
 
     ``language``: default is the design's first language. ``site_number``: in a merged study, the number at the site.
-    ``input_profile``: default is two controllers.
+    ``input_profile``: default is two controllers. ``respondent``: one of ``RESPONDENTS``; default is the participant.
     """
 
     number: int
@@ -54,6 +55,7 @@ class Participant:
     inclusion: dict[str, bool] | None
     functioning: dict[str, Any] | None
     input_profile: InputProfile | None
+    respondent: str | None
 
     @property
     def pseudonym(self) -> str:
@@ -168,12 +170,16 @@ class TrialAttempt:
 
 
 class StudyAnswer(Answer, frozen=True):
-    """A stored answer. ``attempt`` is ``None`` for an answer about a whole session."""
+    """A stored answer. ``attempt`` is ``None`` for an answer about a whole session.
+
+    ``respondent``: one of ``RESPONDENTS``; ``None`` for the participant.
+    """
 
     id: int
     session: int
     attempt: int | None
     answered_at: str
+    respondent: str | None
 
 
 @dataclass(frozen=True)
@@ -236,7 +242,10 @@ class ConsentText:
 
 @dataclass(frozen=True)
 class Consent:
-    """A participant's decision about a consent text. Fields that an earlier version did not store are ``None``."""
+    """A decision about a consent text, by the participant or a representative.
+
+    Fields that an earlier version did not store are ``None``.
+    """
 
     id: int
     at: str
@@ -245,16 +254,23 @@ class Consent:
     version: str | None
     language: str | None
     sha256: str | None
+    role: str | None
+
+    @property
+    def consent_role(self) -> str:
+        """The role in which the decision was made: one of ``CONSENT_ROLES``."""
+        return self.role or CONSENT_ROLES[0]
 
 
 @dataclass(frozen=True)
 class ParticipantLink:
-    """Checksum of a session link."""
+    """Checksum of a session link. ``role``: ``caregiver``; ``None`` for the participant's link."""
 
     id: int
     session: int
     at: str
     sha256: str
+    role: str | None
 
 
 @dataclass(frozen=True)

@@ -69,10 +69,13 @@ PARTICIPANT = Table(
     Column("inclusion", JSON),
     Column("functioning", JSON(none_as_null=True)),
     Column("input_profile", JSON(none_as_null=True)),
+    Column("respondent", String),
     _salt(),
 )
 """``functioning``: answers about disability, diagnosis and assistive devices. ``input_profile``: how the participant
 selects and stops, see ``recording.input_profile``.
+
+``respondent``: ``proxy`` if a proxy answers the questionnaires for the participant.
 
 ``language``: language of the texts. ``site``: the participant's site. ``site_number``: in a merged study, the number
 at that site.
@@ -160,10 +163,14 @@ ANSWER = Table(
     Column("value", Integer, nullable=False),
     Column("response_time_s", Float, nullable=False),
     Column("answered_at", String, nullable=False),
+    Column("respondent", String),
     _salt(),
     UniqueConstraint("attempt", "item"),
 )
-"""An answer without an attempt is about the whole session."""
+"""An answer without an attempt is about the whole session.
+
+``respondent``: ``proxy`` or ``caregiver``; without a value, the participant.
+"""
 
 EVENT = Table(
     "event",
@@ -232,9 +239,12 @@ CONSENT = Table(
     Column("version", String),
     Column("language", String),
     Column("sha256", String),
+    Column("role", String),
     _salt(),
 )
-"""All decisions about consent texts, in order. ``sha256``: checksum of the text.
+"""All decisions about consent texts, in order. ``sha256``: checksum of the text. ``role``:
+``proxy`` for a representative's consent, ``assent`` for the participant's assent to it; without a value, the
+participant's own consent.
 
 The participant's row also contains the latest consent.
 """
@@ -246,9 +256,11 @@ LINK = Table(
     Column("session", Integer, ForeignKey("session.id"), nullable=False),
     Column("at", String, nullable=False),
     Column("sha256", String, nullable=False),
+    Column("role", String),
     _salt(),
 )
-"""Session links of participants. Only the latest link of an open session is valid."""
+"""Session links of participants, and with the role ``caregiver`` those of caregivers. Only the latest link of an open
+session is valid for a participant."""
 
 TOMBSTONE = Table(
     "tombstone",

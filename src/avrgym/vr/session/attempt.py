@@ -275,6 +275,8 @@ def configuration(
         stop_rules=plan.stop_rules.rules,
         headset_check=headset,
         consent=plan.consent,
+        proxy_consent=plan.proxy_consent,
+        respondent=plan.respondent,
         input_profile=input_profile,
         settings=plan.settings,
         rules=trial.rules,

@@ -75,7 +75,8 @@ class SessionPlan:
     ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
     their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
     also stretch their arms, and the model gets the participant's arm length. ``open_questionnaire``: a questionnaire of
-    an earlier session that is completed first. ``consent``: the participant's consent, for the recordings.
+    an earlier session that is completed first. ``consent``: the participant's consent, for the recordings;
+    ``proxy_consent``: that of a representative. ``respondent``: who answers, ``participant`` or ``proxy``.
     ``input_profile``: how the participant selects and stops at the start of the session. ``settings``: settings of all
     environments. ``allow_other_settings``: whether policies may have been trained with other settings.
     ``session_rules``: breaks and the limit of the time in VR. ``break_items``: the questions after a break.
@@ -100,6 +101,8 @@ class SessionPlan:
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
     consent: RecordedConsent | None = None
+    proxy_consent: RecordedConsent | None = None
+    respondent: str = "participant"
     input_profile: InputProfile = CONTROLLERS
     settings: Settings = DEFAULTS
     allow_other_settings: bool = False

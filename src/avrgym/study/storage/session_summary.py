@@ -1,0 +1,53 @@
+"""Time in VR, breaks and trials of each session."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from avrgym.study.storage.answers import sessions_of_visit
+from avrgym.study.storage.rows import StudyEvent, StudySession, pseudonym_of
+from avrgym.study.storage.store import Store
+
+HEADSET_USED, BREAK_BEGUN = "headset used", "break begun"
+"""Names of the events with a time in VR, and of the begin of a break."""
+
+
+@dataclass(frozen=True)
+class SessionSummary:
+    """One session. ``minutes``: time in VR. ``trials``: trials completed in it. ``breaks``: number of breaks."""
+
+    number: int
+    opened_at: str
+    closed_at: str | None
+    state: str
+    trials: int
+    minutes: float
+    breaks: int
+
+
+def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
+    """The sessions of a participant, in order."""
+    events = store.events()
+    completed = [each.session for each in store.attempts(pseudonym) if each.state == "completed"]
+    return [
+        SessionSummary(
+            session.number,
+            session.opened_at,
+            session.closed_at,
+            session.state,
+            completed.count(session.id),
+            _headset_s(events, {session.id}) / 60.0,
+            sum(event.session == session.id and event.name == BREAK_BEGUN for event in events),
+        )
+        for session in store.sessions(pseudonym)
+    ]
+
+
+def earlier_headset_s(store: Store, session: StudySession) -> float:
+    """Time in VR in seconds of the interrupted sessions that a session continues."""
+    sessions = store.sessions(pseudonym_of(session.participant))
+    return _headset_s(store.events(), set(sessions_of_visit(sessions, session.id)) - {session.id})
+
+
+def _headset_s(events: Iterable[StudyEvent], sessions: set[int]) -> float:
+    used = [event for event in events if event.session in sessions and event.name == HEADSET_USED]
+    return sum(float(event.detail.removeprefix("seconds ")) for event in used)
