@@ -336,6 +336,8 @@ def before_the_archive(store: Store) -> None:
             connection.execute(sa.text(f"DROP TABLE {table}"))
         for table in ("participant", "attempt"):
             connection.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN input_profile"))
+        for table in ("participant", "answer"):
+            connection.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN respondent"))
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '0008_log'"))
     store.close()
 
