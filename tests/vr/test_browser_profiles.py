@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.commands.preferences import CommandRules, apply_preferences
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.input_profile import InputProfile
@@ -14,10 +15,10 @@ from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON, _plain
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events
-from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from helpers.browser.choosers import Chooser, ExperimenterClient
 from helpers.browser.journey import Journey, wait_until
-from helpers.vr.visit import constant_policies, result
+from helpers.vr.visit import ENVIRONMENT, constant_policies, result
 
 pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
@@ -141,3 +142,39 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
     assert {each.configuration.input_profile for each in recordings} == {profile}
     values = [(record.item, record.value) for _, record in recordings[-1].topics["/answers"]]
     assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14), (LINE.id, 15)]
+
+
+@pytest.mark.slow
+def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
+    """The icons are next to the robot. Only the commands and the source that the condition allows exist."""
+    rules = CommandRules(policy="revised", commands=("ready", "wait", "stop"), sources=("dwell",))
+    trial = TrialPlan(ENVIRONMENT, "revised", 3, practice=False, rules=apply_preferences(rules, None))
+    profile = InputProfile("head", dwell_s=0.6)
+    plan = SessionPlan([trial], "woman", 0.1, simulated=True, countdown_s=0.3, input_profile=profile)
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, plan, load_policies(plan), opened)
+        experimenter = opened.enter_context(ExperimenterClient(journey.server))
+        person = Participation(
+            journey, Chooser(journey.headset, profile, experimenter), experimenter, profile
+        )
+        person.lie_back()
+        journey.headset.enter_vr()
+        while journey.headset.call("phase")["name"] != "trial":
+            if GO_ON in [button["value"] for button in journey.headset.call("buttons")]:
+                person.lie_back()
+                person.chooser.choose(GO_ON)
+            journey.headset.wait_for_frames(3)
+        person.lie_back()
+        wait_until(lambda: len(journey.headset.call("buttons")) == 3)
+        icons = {button["item"]: button["value"] for button in journey.headset.call("buttons")}
+        assert list(icons) == ["ready", "wait", "stop"]
+        for name in ("wait", "stop"):
+            journey.headset.look_at_button(icons[name])
+            wait_until(lambda name=name: name in [each for each, _ in commands(journey)])
+        wait_until(lambda: journey.session.phase == "paused")
+    assert commands(journey) == [("wait", "dwell"), ("stop", "dwell")]
+
+
+def commands(journey: Journey) -> list[tuple[str, str]]:
+    """Return the commands of the participant, with their sources."""
+    return [(each.name, each.source) for each in journey.observed if isinstance(each, events.RobotCommanded)]

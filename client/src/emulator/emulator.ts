@@ -48,7 +48,7 @@ export interface EmulatorControls {
   raisePalm(hand: Hand): void;
   /** The displayed stop method, its progress, and the position of a sign in the room. */
   stop(): { method: string; progress: number; sign: Triple | null };
-  /** The visible buttons on the panel, of a question or of the body choice. */
+  /** The visible buttons on the panel, of a question or of the body choice; without a panel, the command icons. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
   question(): Question | null;
@@ -271,12 +271,20 @@ function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): voi
 }
 
 function shownButtons(app: App): EmulatedButton[] {
-  if (!app.panel.mesh.visible) return [];
+  if (!app.panel.mesh.visible || app.panel.buttons.length === 0) return shownIcons(app);
   return app.panel.buttons.map((button) => ({
     item: app.choices.questionnaire.question?.item ?? buttonPurpose(app),
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));
+}
+
+/** The icons of robot commands. */
+function shownIcons({ commandIcons }: App): EmulatedButton[] {
+  return commandIcons.targets.flatMap(({ value }) => {
+    const centre = commandIcons.centreOf(value)?.toArray();
+    return centre ? [{ item: commandIcons.commandOf(value)!, value, centre }] : [];
+  });
 }
 
 /** The purpose of the buttons without a question. */

@@ -1,4 +1,4 @@
-import type { Arm, Input, InputMethod, Presentation, StopWay } from "../generated/messages";
+import type { Arm, ClientSource, Input, InputMethod, Presentation, StopWay } from "../generated/messages";
 import type { InputKind } from "./input-kind";
 
 /** The default presentation of texts; see `recording/presentation.py`. */
@@ -48,6 +48,13 @@ export function pointsWith(profile: Input, { handedness }: Pick<XRInputSource, "
 /** Whether the participant stops the robot in this way. */
 export function stopsBy({ stops }: Input, way: StopWay): boolean {
   return stops?.includes(way) ?? false;
+}
+
+/** The source of robot commands that the participant selects with dwell or switches; null if commands have buttons only. */
+export function commandSource(profile: Input): Extract<ClientSource, "dwell" | "switch"> | null {
+  const kind = kindOfProfile(profile);
+  if (kind === "dwell") return "dwell";
+  return (kind === "scan" || kind === "step") && !stopsBy(profile, "switch") ? "switch" : null;
 }
 
 export type Switch = "step" | "select";

@@ -1,4 +1,4 @@
-import type { ClientMessage, CommandLabel, ExperimenterMessage, RobotCommands } from "../generated/messages";
+import type { ClientMessage, ClientSource, CommandLabel, ExperimenterMessage, RobotCommands } from "../generated/messages";
 import { createElement } from "../page/dom";
 
 type Given = Extract<ClientMessage | ExperimenterMessage, { type: "robot_command" }>;
@@ -21,6 +21,8 @@ export function pressedButtons(gamepads: Iterable<Pick<Gamepad, "buttons"> | nul
 /** Commands to the robot by buttons, number keys and gamepad buttons, while the server offers commands. */
 export class RobotCommandInput {
   private offered: readonly CommandLabel[] = [];
+  private sources: RobotCommands["sources"] = [];
+  private buttonSource: Exclude<ClientSource, "key"> = "button";
   private pressed = new Set<number>();
 
   /** `group`: element for the buttons. `asExperimenter`: every input has the source `experimenter`. */
@@ -34,8 +36,25 @@ export class RobotCommandInput {
     if (commands.map(({ name }) => name).join() !== this.offered.map(({ name }) => name).join())
       this.group.replaceChildren(...commands.map((command, index) => this.button(command, index)));
     this.offered = commands;
-    this.group.hidden = !commands.length || !sources.includes(this.asExperimenter ? "experimenter" : "button");
+    this.sources = sources;
     this.group.dataset["mode"] = mode;
+    this.showButtons();
+  }
+
+  /** The source of pressed buttons: `dwell` or `switch` for participants who select with these. */
+  press(source: Exclude<ClientSource, "key">): void {
+    this.buttonSource = source;
+    this.showButtons();
+  }
+
+  /** The commands that a source may give now. */
+  offeredTo(source: ClientSource): readonly CommandLabel[] {
+    return this.sources.includes(source) ? this.offered : [];
+  }
+
+  private showButtons(): void {
+    const source = this.asExperimenter ? "experimenter" : this.buttonSource;
+    this.group.hidden = !this.offered.length || !this.sources.includes(source);
   }
 
   /** Whether a number key gives a command. It gives none in text fields. */
@@ -64,11 +83,11 @@ export class RobotCommandInput {
     button.dataset["robotCommand"] = name;
     button.setAttribute("aria-keyshortcuts", key);
     button.append(createElement("kbd", key));
-    button.addEventListener("click", () => this.give(name, "button"));
+    button.addEventListener("click", () => this.give(name, this.buttonSource));
     return button;
   }
 
-  private give(name: Name, source: "key" | "button"): void {
+  give(name: Name, source: ClientSource): void {
     const client_time_ms = performance.now();
     if (this.asExperimenter) this.send({ type: "robot_command", name, source: "experimenter", client_time_ms });
     else this.send({ type: "robot_command", name, source, client_time_ms });

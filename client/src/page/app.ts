@@ -22,7 +22,8 @@ import { Notice } from "./notice";
 import { Page, isStopKey } from "./participant-page";
 import { CaptionPlane, Captions } from "../panel/caption";
 import { Panel } from "../panel/panel";
-import { kindOfProfile } from "../input/input-profile";
+import { CommandIcons } from "../input/command-icons";
+import { commandSource, kindOfProfile } from "../input/input-profile";
 import { ParticipantChoices } from "../session/participant-choices";
 import { createRoom } from "../scene/room";
 import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
@@ -59,6 +60,7 @@ export class App {
   private readonly connection: Connection;
   private readonly desktop: DesktopControls;
   private readonly robotCommands: RobotCommandInput;
+  readonly commandIcons = new CommandIcons();
   private readonly latency: LatencyMeter;
   private readonly states = new StateDecoder();
   private readonly frameIntervals = new FrameIntervals();
@@ -108,13 +110,14 @@ export class App {
       send: (message) => this.send(message),
       stop: () => this.stop("switch"),
       changed: () => this.update(),
+      command: (value) => this.commandByIcon(value),
       activate: (value) => this.page.targets.activate(value),
     });
     this.connection = new Connection(socketAddress(isSpectator ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),
       link: (link, code) => this.onLink(link, code),
     });
-    this.xrFrames = new XRFrameHandler(this.panel, this.choices.selection, this.connection, this.world);
+    this.xrFrames = new XRFrameHandler(this.panel, this.choices.selection, this.connection, this.world, this.commandIcons);
     this.latency = new LatencyMeter((sequence) => this.xrFrames.numbering.timesOf(sequence));
     this.session = new XRSessionManager(this.view.renderer, {
       begins: (session) => this.stopControl.listen(session),
@@ -186,7 +189,7 @@ export class App {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.xrFrames.pointers.group, this.captionPlane.mesh);
+    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.xrFrames.pointers.group, this.captionPlane.mesh, this.commandIcons.group);
     this.view.placeSpectator(root);
   }
 
@@ -202,7 +205,6 @@ export class App {
     if (message.type === "feedback") return this.senses.take(message);
     if (message.type === "status") return this.spectator?.onStatus(message);
     if (message.type === "timing") return this.spectator?.onTiming(message);
-    if (message.type === "robot_commands") return this.robotCommands.show(message);
     if (message.type === "placed") return this.world.move(message, performance.now());
     if (message.type === "upcoming") return this.prefetch(message.url);
     if (message.type === "welcome") this.onWelcome(message);
@@ -211,6 +213,7 @@ export class App {
     if (message.type === "scene") void this.onScene(message);
     if (message.type === "input") this.onInput(message);
     if (message.type === "pressed") this.choices.pressRemotely(message);
+    if (message.type === "robot_commands") this.robotCommands.show(message);
     if (message.type === "phase") this.onPhase(message);
     if (message.type === "question" && !this.isSpectator) this.choices.ask(message);
     if (message.type === "problem") this.notice.show(message);
@@ -296,6 +299,7 @@ export class App {
     this.choices.changeProfile(input);
     this.stopControl.profile = input;
     this.input = kindOfProfile(input) ?? "trigger";
+    this.robotCommands.press(commandSource(input) ?? "button");
     this.page.showInput(input, this.input);
     const { presentation } = input;
     this.panel.present(presentation);
@@ -462,7 +466,23 @@ export class App {
     this.panel.show(this.presenting ? panelContent(display) : null);
     this.choices.presenting = this.presenting;
     this.readText(display);
-    this.choices.offer(this.presenting ? this.panel.targets : staged ? this.page.targets.offered : []);
+    this.showCommandIcons();
+    const inVR = this.panel.buttons.length > 0 ? this.panel.targets : this.commandIcons.targets;
+    this.choices.offer(this.presenting ? inVR : staged ? this.page.targets.offered : []);
+  }
+
+  /** Shows icons of the commands that the participant may give in VR by dwell or switch. */
+  private showCommandIcons(): void {
+    const { profile } = this.choices;
+    const source = commandSource(profile);
+    const shown = this.presenting && source !== null && this.panel.buttons.length === 0;
+    this.commandIcons.show(shown ? this.robotCommands.offeredTo(source) : [], profile.presentation);
+  }
+
+  private commandByIcon(value: number): void {
+    const name = this.commandIcons.commandOf(value);
+    const source = commandSource(this.choices.profile);
+    if (name && source) this.robotCommands.give(name, source);
   }
 
   /** Reads the displayed text aloud. A text that VR does not display has a caption. */

@@ -23,6 +23,12 @@ export class CanvasPlane {
     this.mesh.visible = false;
   }
 
+  dispose(): void {
+    this.texture.dispose();
+    this.mesh.geometry.dispose();
+    this.mesh.material.dispose();
+  }
+
   paint(paint: (context: CanvasRenderingContext2D) => void): void {
     paint(this.context);
     this.texture.needsUpdate = true;

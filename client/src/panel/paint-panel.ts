@@ -1,6 +1,6 @@
 import { layoutBodyButtons, type BodyButton } from "./body-choice";
 import type { PanelContent } from "../session/display-state";
-import type { Body, Contrast, Question } from "../generated/messages";
+import type { Body, CommandLabel, Contrast, Question } from "../generated/messages";
 import {
   isLine,
   labelOf,
@@ -181,6 +181,43 @@ export function paint(
     paintActions(context, content.texts, buttons, hovered);
   }
   if (content.notice) paintNotice(context, content.notice);
+}
+
+const SYMBOLS: Readonly<Record<CommandLabel["name"], string>> = {
+  ...{ ready: "✓", wait: "II", slower: "−", faster: "+", closer: "↓", farther: "↑" },
+  ...{ other_side: "⇄", again: "↻", stop: "■" },
+};
+
+/** Paints the icon of a robot command on a square canvas: symbol, label, and a ring that is full at `progress` 1. */
+export function paintCommand(
+  context: Context,
+  { name, label }: CommandLabel,
+  contrast: Contrast,
+  highlighted: boolean,
+  progress: number,
+  pixels: number,
+): void {
+  palette = PALETTES[contrast];
+  const [middle, radius, ring] = [pixels / 2, pixels * 0.4, pixels * 0.09];
+  context.clearRect(0, 0, pixels, pixels);
+  context.beginPath();
+  context.arc(middle, middle, radius, 0, 2 * Math.PI);
+  context.fillStyle = highlighted ? palette.hovered : palette.button;
+  context.fill();
+  context.lineWidth = ring / 3;
+  context.strokeStyle = palette.edge;
+  context.stroke();
+  if (progress > 0) {
+    context.beginPath();
+    context.arc(middle, middle, radius + ring / 2, -Math.PI / 2, -Math.PI / 2 + 2 * Math.PI * progress);
+    context.lineWidth = ring;
+    context.strokeStyle = palette.answered;
+    context.stroke();
+  }
+  const ink = highlighted ? palette.onLight : palette.text;
+  paintLine(context, SYMBOLS[name], middle, pixels * 0.38, `600 ${Math.round(pixels * 0.28)}px ${FONT}`, ink, "center");
+  const words = { x: pixels * 0.16, y: pixels * 0.54, width: pixels * 0.68, height: pixels * 0.24 };
+  paintLines(context, label, words, Math.round(pixels * 0.17), ink, 600);
 }
 
 /** Paints a caption, centred on a dark plate, on a canvas of this size. */

@@ -2,6 +2,7 @@ import type { Input, Offered, Phase, Pressed, Question, Target } from "../genera
 import { canBeStopped, awaitsReady, confirmsAnswers } from "./display-state";
 import type { Outgoing } from "./connection";
 import { kindOfProfile, points, stopsBy, switchOfHand, type Switch } from "../input/input-profile";
+import { FIRST_ICON } from "../input/command-icons";
 import { Selection } from "../input/selection";
 import { Switches } from "../input/switches";
 import { AGAIN, BACK, DONE, GO_ON, REST } from "../panel/paint-panel";
@@ -15,6 +16,8 @@ export interface ChoiceEvents {
   stop(): void;
   /** What is displayed has changed. */
   changed(): void;
+  /** Gives the robot command of an icon. */
+  command(value: number): void;
   /** Activates a target of the page. */
   activate(value: number): void;
 }
@@ -107,7 +110,8 @@ export class ParticipantChoices {
   act(value: number): void {
     const { question } = this.questionnaire;
     const choice = this.panel.choice(value);
-    if (value === BACK) this.goBack();
+    if (value >= FIRST_ICON) this.events.command(value);
+    else if (value === BACK) this.goBack();
     else if (question) this.answer(value);
     else if (value === DONE || value === GO_ON) this.events.send({ type: "ready" });
     else if (value === AGAIN) this.events.send({ type: "recalibrate" });

@@ -2,6 +2,7 @@ import { Quaternion, Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
 import type { Connection } from "./connection";
 import type { Panel } from "../panel/panel";
+import type { CommandIcons } from "../input/command-icons";
 import { kindOfProfile, points, pointsWith } from "../input/input-profile";
 import { Pointers } from "../input/pointers";
 import type { Selection } from "../input/selection";
@@ -28,7 +29,8 @@ export class XRFrameHandler {
     private readonly panel: Panel,
     private readonly selection: Selection,
     private readonly connection: Connection,
-    private readonly world: Pick<World, "surfacePoints" | "reclineRad">,
+    private readonly world: Pick<World, "surfacePoints" | "reclineRad" | "robot">,
+    private readonly icons: CommandIcons,
   ) {}
 
   /** Reads the poses of a frame and sends them. */
@@ -40,10 +42,16 @@ export class XRFrameHandler {
 
   frame(frame: XRFrame, space: XRReferenceSpace): void {
     this.frames++;
-    const { panel, selection } = this;
-    if (panel.visible) this.placePanel(frame.getViewerPose(space));
+    const { panel, selection, icons, world } = this;
+    const viewer = frame.getViewerPose(space);
+    icons.place(viewer, world.robot, (eyes) => world.surfacePoints(eyes), selection.profile.presentation);
+    icons.highlight(selection.highlighted, selection.progress);
+    if (panel.visible) this.placePanel(viewer);
     if (panel.buttons.length > 0) this.point(frame, space);
-    else this.pointers.hide();
+    else {
+      this.pointers.hide();
+      if (kindOfProfile(selection.profile) === "dwell") selection.look(icons.look(viewer), performance.now());
+    }
     panel.hover(selection.highlighted, selection.progress, performance.now());
   }
 
