@@ -2,8 +2,9 @@
 
     python research/robots.py [environment ...]
 
-Each result is stored in robots.json; the reference page of the environments shows them. Without names, environments
-that have no result are measured. Reach: 1 000 people of the revised population. Oracle: 100 episodes with them.
+The results are stored in robots.json; the reference page of the environments shows them. Without names, all
+environments are measured. Results that the file contains are not measured again: delete them there to repeat them.
+Reach: 1 000 people of the revised population. Oracle: 100 episodes with them.
 """
 
 import sys
@@ -47,7 +48,7 @@ def reach(environment: str) -> dict[str, float]:
     """Shares of the first draws of initial states.
 
     ``start``: the arm has the tool's start pose within 5 mm and 0.05 rad. ``goals``: from there it reaches the task's
-    goal poses within the accuracy of the base search. ``clear``: nothing overlaps.
+    goal poses within the accuracy of the base search; a driving base may travel. ``clear``: nothing overlaps.
     """
     episodes = Episodes(environment, STARTS, people=PEOPLE, num_threads=1)
     recorder, worlds = PoseRecorder(), np.arange(STARTS)
@@ -63,10 +64,12 @@ def reach(environment: str) -> dict[str, float]:
     reached_pos, reached_q = kinematics.forward_kinematics(chain, joints)
     off_rad = transforms.to_rotation_vector(transforms.multiply(reached_q, transforms.conjugate(q)))
     start = (_length(reached_pos - pos) < 0.005) & (_length(off_rad) < 0.05)
-    goals = []
+    plans, goals = placement.planning_chain(episodes.scene), []
+    travel = np.zeros((STARTS, len(plans.lower) - len(chain.lower)))
+    joints = np.concatenate([travel, joints], axis=-1)
     for goal in range(goal_pos_w.shape[1]):
         pos, q = transforms.compose(*to_base, goal_pos_w[:, goal], goal_q_w[:, goal])
-        found = kinematics.inverse_kinematics(chain, pos, q, joints, iterations=GOAL_ITERATIONS)
+        found = kinematics.inverse_kinematics(plans, pos, q, joints, iterations=GOAL_ITERATIONS)
         goals.append(
             (found.position_error_m < GOAL_ACCURACY_M) & (found.rotation_error_rad < GOAL_ACCURACY_RAD)
         )
@@ -80,10 +83,14 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 def main() -> None:
     """Measure and store, one environment after the other."""
-    named = sys.argv[1:] or [each for each in ENVIRONMENTS if each not in read(FIGURES_FILE)]
-    for environment in named:
-        found = evaluate(environment, "oracle", PEOPLE, EPISODES, SEED)
-        add(FIGURES_FILE, environment, {**chosen(found, FIGURES), **reach(environment)})
+    for environment in sys.argv[1:] or ENVIRONMENTS:
+        known = read(FIGURES_FILE).get(environment, {})
+        if "success_rate" not in known:
+            found = evaluate(environment, "oracle", PEOPLE, EPISODES, SEED)
+            known = {**known, **chosen(found, FIGURES)}
+            add(FIGURES_FILE, environment, known)
+        if "start" not in known:
+            add(FIGURES_FILE, environment, {**known, **reach(environment)})
 
 
 if __name__ == "__main__":
