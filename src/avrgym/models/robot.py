@@ -116,7 +116,7 @@ class Mount:
         return self.carrier is None
 
     def mirrored(self) -> "Mount":
-        """Returns the mount mirrored to the person's left.
+        """Returns the mount mirrored to the person's left, or back to the right.
 
         Raises:
             UnsuitableRobotError: if the carrier cannot be mirrored.
@@ -129,8 +129,10 @@ class Mount:
                 raise UnsuitableRobotError(
                     "the carrier has no keyword mirrored; allowed: a robot on the floor"
                 )
-            moved = {} if self.left_pos_w is None else {"mount_m": (-pos_w[0], *pos_w[1:])}
-            carrier = partial(carrier, mirrored=True, **moved)
+            to_left = not getattr(carrier, "keywords", {}).get("mirrored", False)
+            on_right_m = (-pos_w[0], *pos_w[1:]) if to_left else pos_w
+            moved = {} if self.left_pos_w is None else {"mount_m": on_right_m}
+            carrier = partial(carrier, mirrored=to_left, **moved)
         yaw_rad = self.left_yaw_rad
         if yaw_rad is None:
             yaw_rad = float(np.remainder(2.0 * np.pi - self.yaw_rad, 2.0 * np.pi) - np.pi)

@@ -14,6 +14,7 @@ from avrgym.models.geoms import add_collision
 from avrgym.models.human import Person, Posture
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
 from avrgym.models.self_collision import add_self_collision
+from avrgym.models.task_frame import WORLD_FRAME, TaskFrame
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
@@ -41,6 +42,8 @@ class SceneConfig:
         checks_reach: whether initial states out of the arm's reach are resampled.
         body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
         self_collision: whether the robot's links collide with each other.
+        frame: frame in which mount and posture are given. Furniture is always in the world frame.
+        task_scene: the same scene in the task's frame, if that differs from the world frame.
     """
 
     furniture: Sequence[Furniture]
@@ -54,6 +57,13 @@ class SceneConfig:
     checks_reach: bool = False
     body_mass_kg: float | None = None
     self_collision: bool = False
+    frame: TaskFrame = WORLD_FRAME
+    task_scene: "SceneConfig | None" = None
+
+    @property
+    def in_task_frame(self) -> "SceneConfig":
+        """The scene that the task's functions take."""
+        return self.task_scene or self
 
     @property
     def substeps(self) -> int:

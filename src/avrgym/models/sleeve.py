@@ -100,4 +100,5 @@ SLEEVE = Tool(
     particles=None,
     cloth=GOWN,
     grip=WASHCLOTH.name,
+    mirror_axis=2,
 )

@@ -66,6 +66,7 @@ class Tool:
         outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
         cloth: cloth that is attached to the tool.
         grip: name of another tool with the same handle. Robots hold this tool with the grip for the other tool.
+        mirror_axis: axis across the tool's plane of symmetry, 0 to 2 for x to z.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Tool:
     outline: FloatArray | None = None
     cloth: Cloth | None = None
     grip: str | None = None
+    mirror_axis: int = 1
 
     @property
     def grip_name(self) -> str:

@@ -13,6 +13,7 @@ from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, Z_AXIS, People, Posture
 from avrgym.models.robot import Furniture
+from avrgym.models.task_frame import TaskFrame, X
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,10 @@ class Boxes:
     pos_w: FloatArray
     q_w: FloatArray
     half_size_m: FloatArray
+
+    def in_frame(self, frame: TaskFrame) -> "Boxes":
+        """Returns the boxes of the world frame in another frame."""
+        return Boxes(frame.points(self.pos_w), frame.rotations(self.q_w, X), self.half_size_m)
 
 
 CONNECTED_PAIRS = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})

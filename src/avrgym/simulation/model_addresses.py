@@ -43,7 +43,10 @@ class ModelAddresses:
         self.pad = model.body(robot.PREFIX + scene.tool.pad).id
         self.head = model.body(human.PREFIX + "head").id
         self.hips = model.body(human.PREFIX + "hips").id
-        self.right_arm = np.array([model.body(human.PREFIX + name).id for name in human.RIGHT_ARM])
+        self.right_arm, self.left_arm = (
+            np.array([model.body(human.PREFIX + name).id for name in arm])
+            for arm in (human.RIGHT_ARM, human.LEFT_ARM)
+        )
         self.placed = {name: model.body(name).id for name in scene.movable_bodies}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id

@@ -13,7 +13,8 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.transforms import norm
 from avrgym.models import collision_bits, human
 from avrgym.models.collision_bits import CollisionBits
-from avrgym.models.human import RIGHT_ARM
+from avrgym.models.human import LEFT_ARM, RIGHT_ARM
+from avrgym.models.task_frame import opposite
 from avrgym.people.arm_clearance import CHECKED_PAIRS
 
 Clearances = dict[tuple[int, int], float]
@@ -64,7 +65,9 @@ class Conflict:
 class StartClearance:
     """Measures the gaps between all bodies of a scene that must not overlap in the initial state."""
 
-    def __init__(self, model: mujoco.MjModel, *, base: str | None, arms: bool, offered: bool) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, *, base: str | None, arms: bool, offered: bool, mirrored: bool = False
+    ) -> None:
         """Find the pairs of geoms to check.
 
         Args:
@@ -72,6 +75,7 @@ class StartClearance:
             base: the robot's body that is mounted on furniture, if any.
             arms: whether the person's arms must not overlap furniture.
             offered: whether the right arm must not touch padding and the rest of the body.
+            mirrored: whether this is the left arm instead.
         """
         self._model, self._data = copy(model), mujoco.MjData(model)
         self._geom_types = model.geom_type
@@ -80,7 +84,7 @@ class StartClearance:
             to_person
             | _robot_to_furniture(model, base)
             | _robot_to_itself(model)
-            | _arms_to_furniture(model, arms=arms, offered=offered)
+            | _arms_to_furniture(model, arms=arms, offered=offered, mirrored=mirrored)
         )
         self._person_pairs = len(to_person)
         self._first, self._second = np.array([*self._pairs]).T
@@ -186,15 +190,20 @@ def _robot(model: mujoco.MjModel) -> list[int]:
     ]
 
 
-def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Clearances:
+def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirrored: bool) -> Clearances:
     """Minimum clearances of the person's arms from furniture, and of an offered arm also from the rest of the body."""
     furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}
     if offered:
         kept_free = _geoms(model, collision_bits.NO_COLLISION)
-        clearances |= _pairs(_parts(model, RIGHT_ARM), [*furniture, *kept_free], 0.0)
-        clearances |= _named_pairs(model, CHECKED_PAIRS, 0.0)
+        clearances |= _pairs(
+            _parts(model, LEFT_ARM if mirrored else RIGHT_ARM), [*furniture, *kept_free], 0.0
+        )
+        pairs = CHECKED_PAIRS
+        if mirrored:
+            pairs = tuple((opposite(part), opposite(other)) for part, other in pairs)
+        clearances |= _named_pairs(model, pairs, 0.0)
     return clearances
 
 

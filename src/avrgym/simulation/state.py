@@ -16,7 +16,15 @@ class RightArm:
 
 
 @dataclass(frozen=True)
-class State(RightArm):
+class Arms(RightArm):
+    """The frames of both arms, as in ``RightArm``."""
+
+    left_arm_pos_w: FloatArray
+    left_arm_q_w: FloatArray
+
+
+@dataclass(frozen=True)
+class State(Arms):
     """The state of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``

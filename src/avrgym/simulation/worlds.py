@@ -32,7 +32,7 @@ from avrgym.simulation.engines.engine import Arrays, make_engine
 from avrgym.simulation.model_addresses import ModelAddresses
 from avrgym.simulation.person_model_fields import PersonModelFields
 from avrgym.simulation.start_clearance import Geoms
-from avrgym.simulation.state import RightArm, Start, State
+from avrgym.simulation.state import Arms, RightArm, Start, State
 from avrgym.simulation.unused_computation import without_unused_computation
 from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
@@ -317,7 +317,7 @@ class Simulation:
             head_pos_w=float_copy(now.site_xpos[:, at.head_centre]),
             head_q_w=float_copy(now.xquat[:, at.head]),
             mouth_pos_w=float_copy(now.site_xpos[:, at.mouth]),
-            **vars(self.right_arm()),
+            **vars(self.arms()),
             placed_pos_w={name: float_copy(now.xpos[:, body]) for name, body in at.placed.items()},
             particle_pos_w=now.qpos[:, at.particle_qpos],
             particle_velocity_w=now.qvel[:, at.particle_dof],
@@ -345,9 +345,10 @@ class Simulation:
             raise RuntimeError("forces by region are not measured; create the simulation with by_region=True")
         return self._region_forces.read_n()
 
-    def right_arm(self) -> RightArm:
-        """Returns the people's right arms, in new arrays."""
-        return RightArm(self._now.xpos[:, self._at.right_arm], self._now.xquat[:, self._at.right_arm])
+    def arms(self) -> Arms:
+        """Returns the people's arms, in new arrays."""
+        pos_w, q_w, at = self._now.xpos, self._now.xquat, self._at
+        return Arms(pos_w[:, at.right_arm], q_w[:, at.right_arm], pos_w[:, at.left_arm], q_w[:, at.left_arm])
 
     def hips(self) -> tuple[FloatArray, FloatArray]:
         """Returns the people's hips: positions (N, 3), quaternions (N, 4), world frame."""

@@ -166,6 +166,7 @@ class Episodes:
             base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
             arms=not (moving and person is not None),
             offered=self._people.spread_arm,
+            mirrored=self.scene.in_task_frame.frame.mirrored,
         )
         there = self.simulation.exemplar
         self._people.place(there)
@@ -469,7 +470,7 @@ class Episodes:
         """Positions (N, ``task.marks.count``, 3) of the task's marks, world frame."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.right_arm(), self.task_state)
+        return self.task.marks.places(self.simulation.arms(), self.task_state)
 
     def person_in(self, world: int) -> Person:
         """The person of a world's present episode."""

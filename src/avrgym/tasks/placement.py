@@ -1,6 +1,6 @@
 """Placement of the robot's base and the initial pose of its arm."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +14,7 @@ from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
 from avrgym.models.robot import Furniture, Mount, Robot, Side, select_equipment
 from avrgym.models.scene import SceneConfig, robot_with_tool
+from avrgym.models.task_frame import mirrored_chain
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
@@ -25,8 +26,12 @@ NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
 these numbers: they are enough for 75 joints."""
 X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
-FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
-"""Edge of wheelchair and bed on the person's right: x coordinate."""
+_WHEELCHAIR_EDGE_M, _BED_EDGE_M = -0.345, -0.47
+
+
+def furniture_edge_m(posture: Posture) -> float:
+    """Edge of wheelchair or bed on the person's right: x coordinate."""
+    return _WHEELCHAIR_EDGE_M if posture.seated else _BED_EDGE_M
 
 
 def wheelchair_scene(
@@ -81,7 +86,8 @@ def _carried(mount: Mount) -> tuple[str, ...]:
 def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     """Kinematic chain of the moving arm, from the robot's base to the tool."""
     model = robot_with_tool(scene, appearance=False).compile()
-    return kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
+    chain = kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
+    return mirrored_chain(chain, scene.tool.mirror_axis) if scene.frame.mirrored else chain
 
 
 DRIVE_TRAVEL_M = 0.8
@@ -179,7 +185,7 @@ def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
     """Returns the candidates. A base that would overlap the furniture is moved away from the person."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
-    nearest = FURNITURE_EDGE_M[scene.posture] - scene.robot.half_width_m * turned
+    nearest = furniture_edge_m(scene.posture) - scene.robot.half_width_m * turned
     pos_w = candidates.pos_w.copy()
     if scene.mount.pos_w[0] < 0.0:
         pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)

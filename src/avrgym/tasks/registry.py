@@ -3,12 +3,12 @@
 Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
 
-import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 
-from avrgym.models.robot import Robot, UnsuitableRobotError, robot_as_furniture
+import msgspec
+
+from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
@@ -20,9 +20,11 @@ from avrgym.tasks.constants import environment_id
 from avrgym.tasks.dressing.task import DRESSING
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
+from avrgym.tasks.scene_settings import has_furniture, scene_with_settings
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
 from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.tasks.task import Task
+from avrgym.tasks.task_in_frame import task_in_frame, with_other_arm
 
 
 class Registry:
@@ -116,33 +118,34 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
         ValueError: for an unknown id, listing the ids, and for settings that are not possible in this environment.
     """
     name, robot = find_environment(environment_id)
-    task = TASKS[name].with_settings(settings)
-    return task, _scene_with(task.scene(find_robot(robot)), settings)
+    if settings == DEFAULTS:
+        return TASKS[name], TASKS[name].scene(find_robot(robot))
+    return _with_settings(name, robot, settings)
 
 
 @lru_cache(maxsize=64)
-def _scene_with(scene: SceneConfig, settings: Settings) -> SceneConfig:
-    """Returns the scene with the settings. The same settings return the same object, because models are cached by this
-    object."""
-    if settings == DEFAULTS:
-        return scene
-    mount, furniture = scene.mount, [*scene.furniture]
-    if settings.robot_pose is not None:
-        x, y, yaw_deg = settings.robot_pose
-        mount = replace(mount, pos_w=(x, y, mount.pos_w[2]), yaw_rad=math.radians(yaw_deg), base_range=None)
-    for number, (name, x, y, yaw_deg) in enumerate(settings.standing_by):
-        furniture.append(
-            robot_as_furniture(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
-        )
-    return replace(
-        scene,
-        furniture=furniture,
-        mount=mount,
-        control_step_s=settings.control_step_s,
-        checks_reach=not (settings.robot_pose is None and settings.table_offset_m is None),
-        body_mass_kg=settings.body_mass_kg,
-        self_collision=settings.self_collision,
-    )
+def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, SceneConfig]:
+    """Task and scene with settings. The same settings return the same objects, because models are cached by the
+    scene."""
+    task = TASKS[name].with_settings(settings)
+    if settings.served_arm is not None and task.served_arm is None:
+        raise ValueError(f"{name} has no setting served_arm; allowed: leave it out")
+    mirrored = settings.served_arm not in (None, task.served_arm)
+    scene = scene_with_settings(task.scene(find_robot(robot)), settings, mirrored=mirrored)
+    if scene.task_scene is None:
+        return task, scene
+    frame = scene.task_scene.frame
+    if frame.rise_m and has_furniture(scene, "table_offset_m"):
+        x, y, z = settings.table_offset_m or (0.0, 0.0, 0.0)
+        lowered = msgspec.structs.replace(settings, table_offset_m=(x, y, z - frame.rise_m))
+        task = TASKS[name].with_settings(lowered)
+    return task_in_frame(task, frame, scene.tool.mirror_axis), scene
+
+
+def task_goal(name: str, settings: Settings) -> str:
+    """The goal of a task with the served arm of settings."""
+    task = TASKS[name]
+    return task.goal if settings.served_arm in (None, task.served_arm) else with_other_arm(task.goal)
 
 
 def sizes(environment_id: str) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import collision_bits
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
+from avrgym.models.task_frame import MIRRORED_LINK
 from avrgym.people.arm_clearance import Boxes
 
 
@@ -62,12 +63,13 @@ def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
         radius.append(r)
         is_tool.append(model.geom_bodyid[geom] == tool)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
-    return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
+    sides = MIRRORED_LINK if scene.frame.mirrored else 1.0
+    return ArmShape(links, np.array(link), sides * np.array(ends), np.array(radius), np.array(is_tool))
 
 
 @cache
 def furniture_boxes(scene: SceneConfig) -> Boxes:
-    """Boxes around the collision geoms of the furniture, without movable bodies."""
+    """Boxes around the collision geoms of the furniture, without movable bodies, in the scene's frame."""
     spec = mujoco.MjSpec()
     for add in scene.furniture:
         add(spec, False)
@@ -80,7 +82,7 @@ def furniture_boxes(scene: SceneConfig) -> Boxes:
     ]
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
-    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half)
+    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half).in_frame(scene.frame)
 
 
 class Clearance:

@@ -5,7 +5,7 @@ Environments, commands, ``study.toml`` and recordings use the same record. The d
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -17,8 +17,15 @@ TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 """Settings that not every task has."""
 PERSON_SETTINGS = ("torso_height_m", "range_share")
 """Settings of randomly sampled people. These settings have no effect on a fixed person or a participant."""
-MAX_TABLE_OFFSET_M = (0.4, 0.4, 0.1)
-MAX_ROBOT_DISTANCE_M, BODY_MASS_RANGE_KG, RANGE_SHARE_LIMITS = 4.0, (30.0, 200.0), (0.2, 1.0)
+MAX_TABLE_OFFSET_M, MAX_ROBOT_DISTANCE_M = (0.4, 0.4, 0.2), 4.0
+LIMITS: Mapping[str, tuple[float, float]] = {
+    "body_mass_kg": (30.0, 200.0),
+    "range_share": (0.2, 1.0),
+    "seat_height_m": (0.40, 0.60),
+    "bed_height_m": (0.45, 0.75),
+    "backrest_deg": (40.0, 75.0),
+}
+"""Lowest and highest value of settings that are one number."""
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """These rates are multiples or divisors of the people's action rate, and divisors of the physics rate."""
 
@@ -43,6 +50,19 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         Meta(
             description="Position x, y (m) and yaw (degrees) of the robot's base; without it, a search determines them."
         ),
+    ] = None
+    served_arm: Annotated[
+        Literal["left", "right"] | None,
+        Meta(
+            description="Arm of the person that the robot works on; the scene is mirrored for the other arm."
+        ),
+    ] = None
+    seat_height_m: Annotated[
+        float | None, Meta(description="Height of the wheelchair's seat above the floor.")
+    ] = None
+    bed_height_m: Annotated[float | None, Meta(description="Height of the mattress above the floor.")] = None
+    backrest_deg: Annotated[
+        float | None, Meta(description="Angle of the bed's backrest above the horizontal.")
     ] = None
     torso_height_m: Annotated[
         tuple[float, float] | None, Meta(description="Range of the torso heights of randomly sampled people.")
@@ -85,10 +105,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
                 (low, high),
                 f"minimum and maximum in this order, both from {lowest:g} to {highest:g} m",
             )
-        for name, (lowest, highest) in (
-            ("body_mass_kg", BODY_MASS_RANGE_KG),
-            ("range_share", RANGE_SHARE_LIMITS),
-        ):
+        for name, (lowest, highest) in LIMITS.items():
             value = getattr(self, name)
             if value is not None and not lowest <= value <= highest:
                 raise _refusal(name, value, f"{lowest:g} to {highest:g}")

@@ -13,7 +13,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import JOINTS, People
-from avrgym.models.robot import Mount, Robot
+from avrgym.models.robot import Mount, Robot, Side
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
@@ -242,6 +242,11 @@ class Task:
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
             raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
+
+    @property
+    def served_arm(self) -> Side | None:
+        """The arm of the person that the robot works on, if any."""
+        return next((part for part in self.tracked if part != "head"), None)
 
     def with_settings(self, settings: Settings) -> "Task":
         """The task with the tool, particles and table of settings.

@@ -14,18 +14,19 @@ from avrgym.networks.policy import PolicyError
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.clinical_impairments import motor_signs
-from avrgym.people.cooperation import PersonObservation
 from avrgym.people.distributions import Pose
 from avrgym.people.impaired_motion import ImpairedState, MotorSigns
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
 from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
+from avrgym.simulation.state import State
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import PERSON_SETTINGS, Settings
 from avrgym.tasks.task import replace_worlds
+from avrgym.tasks.task_in_frame import state_in_frame
 
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
 """Uniform random numbers for each person: for the body, the impairment and the behaviour."""
@@ -106,8 +107,9 @@ class WorldPeople:
             )
         self._settings = settings
         self.person = person
-        self._task, self._posture = TASKS[find_environment(environment_id)[0]], scene.posture
-        self._furniture = furniture_boxes(scene.furniture)
+        self._task, self._frame = TASKS[find_environment(environment_id)[0]], scene.in_task_frame.frame
+        self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.mirror_axis
+        self._furniture = furniture_boxes(scene.furniture).in_frame(self._frame)
         requested = impairments.find_impairment(impairment)
         self._populations = [
             replace(population, impairment=population.effective_impairment(requested))
@@ -117,6 +119,11 @@ class WorldPeople:
         by_policy = bool(self._policies) and not (human_actions or driven)
         self.trained = TrainedHumans(self._policies, num_worlds) if by_policy else None
         self._actions = human_actions or by_policy
+        if self._actions and self._frame.mirrored:
+            raise ValueError(
+                "people with human actions or trained policies offer the arm of the task; allowed with them: no "
+                "served_arm"
+            )
         are_partners = any(each.distribution.partners is not None for each in self._populations)
         clinical = any(impairments.is_clinical(each.impairment) for each in self._populations)
         trembles = clinical or any(each.impairment == "tremor" for each in self._populations)
@@ -157,7 +164,7 @@ class WorldPeople:
             self._signs, self._motion = to_device_of(signs, exemplar), to_device_of(motion, exemplar)
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
-            self.people,
+            self._frame.people(self.people),
             self._task.offered,
             self._posture,
             human_actions=self._actions,
@@ -167,6 +174,7 @@ class WorldPeople:
     def _set_people(self, people: People) -> None:
         self.people = people
         self._device_people = to_device_of(people, self._exemplar)
+        self._people_in_frame = self._frame.people(self._device_people)
 
     def reset_to_person(self) -> None:
         """Replace the people of all worlds by the fixed person."""
@@ -185,7 +193,7 @@ class WorldPeople:
             others = self._sample(population, for_bodies[rows], for_impairments[rows], for_behaviour[rows])
             people = replace_worlds(people, others, rows)
         self._set_people(replace_worlds(self.people, people, ids))
-        self._behaviour.reset(ids, people, for_behaviour)
+        self._behaviour.reset(ids, self._frame.people(people), for_behaviour)
         if self._signs is not None and self._motion is not None:
             self._signs = replace_worlds(self._signs, self._sample_signs(chosen, for_impairments), ids)
             start = impaired_motion.initial_state(people.joint_angles_rad)
@@ -216,6 +224,8 @@ class WorldPeople:
             )
         if distribution.partners is not None:
             people = partners.apply_partner_bodies(people, distribution.partners.draw(for_behaviour[:, :2]))
+        if self.person is None:
+            people = self._frame.people(people)
         people = impairments.apply_impairment(people, population.impairment, for_impairments)
         share = self._settings.range_share
         return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
@@ -237,7 +247,7 @@ class WorldPeople:
         joints = cooperation.OFFERED_JOINTS[self._task.offered]
         self._behaviour.move_targets(joints, action, self._limit)
 
-    def step(self, observe: Callable[[], PersonObservation]) -> tuple[FloatArray, BoolArray | None]:
+    def step(self, observe: Callable[[], State]) -> tuple[FloatArray, BoolArray | None]:
         """Returns the joint targets (N, 20) for the end of the next 0.1 s, and a mask (N,) of the worlds in which they
         are new; ``None``: all worlds.
 
@@ -246,17 +256,19 @@ class WorldPeople:
         """
         which = self._due(self._steps_per_target)
         self._steps += 1
-        targets = self._behaviour.step(observe, self._device_people, self._limit, which)
-        return self._impaired(targets, CONTROL_STEP_S, which), which
+        targets = self._behaviour.step(
+            self._observing(observe), self._people_in_frame, self._limit_in_frame, which
+        )
+        return self._impaired(self._frame.joint_angles(targets), CONTROL_STEP_S, which), which
 
-    def next_targets(self, observe: Callable[[], PersonObservation], count: int) -> FloatArray:
+    def next_targets(self, observe: Callable[[], State], count: int) -> FloatArray:
         """Returns the joint targets (``count``, N, 20) for the ends of the next physics steps. ``count`` divides
         ``SUBSTEPS``; the previous counts add up to one of its multiples."""
         which = self._due(SUBSTEPS)
         if which is None or which.any():
-            self._behaviour.choose_goals(observe, self._limit, which)
+            self._behaviour.choose_goals(self._observing(observe), self._limit_in_frame, which)
         self._steps += count
-        targets = self._behaviour.next_targets(self._limit, count)
+        targets = self._frame.joint_angles(self._behaviour.next_targets(self._limit_in_frame, count))
         if self._signs is None:
             return targets
         return namespace(targets).stack([self._impaired(each, PHYSICS_STEP_S) for each in targets])
@@ -281,6 +293,13 @@ class WorldPeople:
             taken = ImpairedState(**{name: array[rows] for name, array in vars(motion).items()})
             self._motion = replace_worlds(self._motion, taken, rows)
         return self._limit(executed)
+
+    def _observing(self, observe: Callable[[], State]) -> Callable[[], State]:
+        """Returns the function with its result in the task's frame."""
+        return lambda: state_in_frame(observe(), self._frame, self._mirror_axis)
+
+    def _limit_in_frame(self, joint_angles_rad: FloatArray) -> FloatArray:
+        return reachable_rad(self._people_in_frame, joint_angles_rad)
 
     def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
         return reachable_rad(self._device_people, joint_angles_rad)

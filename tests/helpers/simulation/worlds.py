@@ -29,6 +29,8 @@ def resting_state(**changes: Any) -> State:
         mouth_pos_w=point,
         right_arm_pos_w=np.zeros((1, 3, 3)),
         right_arm_q_w=np.tile(unturned, (1, 3, 1)),
+        left_arm_pos_w=np.zeros((1, 3, 3)),
+        left_arm_q_w=np.tile(unturned, (1, 3, 1)),
         placed_pos_w={},
         particle_pos_w=np.zeros((1, 0, 3)),
         particle_velocity_w=np.zeros((1, 0, 3)),

@@ -11,7 +11,7 @@ from avrgym.analysis.columns import AT_LEAST_0, IsSimulated, TaskName
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.analysis.reading.trial_series import WAIST_JOINTS, head_centres
 from avrgym.array_types import FloatArray
-from avrgym.models.human import SEATED, SEXES
+from avrgym.models.human import SEXES
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
 from avrgym.robots.registry import ROBOTS
@@ -64,7 +64,7 @@ HEIGHT_DISTRIBUTIONS = ("original", "revised")
 def posture_of(task: str) -> str:
     """Returns the posture of the person in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
-    seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
+    seated = TASKS[task].scene(ROBOTS[robot]).posture.seated
     return "seated" if seated else "in bed"
 
 

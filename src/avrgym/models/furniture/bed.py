@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import add_finish
@@ -18,13 +19,14 @@ from avrgym.models.shapes import Mesh, Section, loft, rounded_polyline, torus, t
 MATTRESS_TOP_M = 0.55
 MATTRESS_THICKNESS_M, MATTRESS_HALF_WIDTH_M = 0.15, 0.44
 LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
-BACKREST_RAD = np.radians(60.0)
+BACKREST_DEG = 60.0
 NIGHTSTAND_BODY = "nightstand"
 NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
 """Position of a robot on the nightstand, and origin of the nightstand's body, which may move with the robot."""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""
+_HIPS = (0.0, 0.0, 0.7)
 _LEGS_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
 _BACK_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
 _LEGS_CENTRE = (0.0, _CREASE[1] - _LEGS_HALF[1], MATTRESS_TOP_M - _LEGS_HALF[2])
@@ -34,30 +36,51 @@ _FOOTBOARD_TOP, _HEADBOARD_TOP, _BOARD_BOTTOM = 0.78, 1.02, 0.30
 _HALF_BOARD = (0.46, 0.018)
 _DECK_Z = MATTRESS_TOP_M - MATTRESS_THICKNESS_M - 0.025
 _CASTER_RADIUS, _CASTER_X, _CASTER_Y = 0.06, 0.36, 0.72
-_BACK_Q = transforms.from_axis_angle([1.0, 0.0, 0.0], BACKREST_RAD)
 _UPRIGHT_Q = transforms.from_axis_angle([1.0, 0.0, 0.0], 0.5 * np.pi)
 _NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_M[2])
 
 
-def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the bed: a mattress in two parts, a frame on casters, end boards, and lowered side rails."""
-    body = spec.worldbody.add_body(name="hospital_bed")
-    _add_bed_collision(body)
+def add_hospital_bed(
+    spec: mujoco.MjSpec, appearance: bool, *, rise_m: float = 0.0, backrest_deg: float = BACKREST_DEG
+) -> None:
+    """Add the bed: a mattress in two parts, a frame on casters, end boards, and lowered side rails.
+
+    ``rise_m`` is the height of the mattress above its usual height, ``backrest_deg`` the angle of the backrest above
+    the horizontal.
+    """
+    body = spec.worldbody.add_body(name="hospital_bed", pos=[0.0, 0.0, rise_m])
+    back = _backrest(backrest_deg)
+    _add_bed_collision(body, back)
     if appearance:
-        _add_bedding(spec, body)
+        _add_bedding(spec, body, back)
         _add_boards(spec, body)
-        _add_bed_frame(spec, body)
+        _add_bed_frame(spec, body, back)
         _add_side_rails(spec, body)
-        _add_undercarriage(spec, body)
+        _add_undercarriage(spec, body, rise_m)
 
 
-def _on_backrest(along: float, above: float) -> np.ndarray:
-    """Point (3,) above the backrest's middle line, world frame. ``along``: distance from the crease; ``above``: height
-    above the surface."""
-    return _CREASE + transforms.rotate(_BACK_Q, [0.0, along, above])
+_Pose = tuple[FloatArray, FloatArray]
 
 
-def _add_bed_collision(body: mujoco.MjsBody) -> None:
+def _backrest(backrest_deg: float) -> _Pose:
+    """Pose of the backrest's surface in the bed's frame: its lower end (3,) and its rotation (4,).
+
+    At every angle the surface has the same distance from the axis of the torso.
+    """
+    usual, angle = (np.radians(degrees) for degrees in (BACKREST_DEG, backrest_deg))
+    _, y, z = np.subtract(_HIPS, _CREASE)
+    usual_m, at_m = (z * np.cos(each) - y * np.sin(each) for each in (usual, angle))
+    end = np.array([0.0, _CREASE[1] + (usual_m - at_m) / np.sin(angle), _CREASE[2]])
+    return end, transforms.from_axis_angle([1.0, 0.0, 0.0], angle)
+
+
+def _on_backrest(back: _Pose, along: float, above: float) -> FloatArray:
+    """Point (3,) above the backrest's middle line, in the bed's frame. ``along``: distance from its lower end;
+    ``above``: height above the surface."""
+    return back[0] + transforms.rotate(back[1], [0.0, along, above])
+
+
+def _add_bed_collision(body: mujoco.MjsBody, back: _Pose) -> None:
     boxes = {
         "mattress": (_LEGS_CENTRE, _LEGS_HALF),
         "deck": ([0, _MIDDLE_Y, _DECK_Z], [0.45, _HALF_LENGTH, 0.025]),
@@ -66,9 +89,9 @@ def _add_bed_collision(body: mujoco.MjsBody) -> None:
     }
     for name, (pos, size) in boxes.items():
         add_collision(body, f"bed_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
-    back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
+    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
     add_collision(
-        body, "bed_backrest", BOX, collision_bits.FURNITURE, pos=back, quat=_BACK_Q, size=_BACK_HALF
+        body, "bed_backrest", BOX, collision_bits.FURNITURE, pos=middle, quat=back[1], size=_BACK_HALF
     )
 
 
@@ -78,14 +101,14 @@ def _board(y: float, top: float) -> tuple[list[float], list[float]]:
     return [0.0, y, _BOARD_BOTTOM + half_height], [_HALF_BOARD[0], _HALF_BOARD[1], half_height]
 
 
-def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
     sheet = add_finish(spec, "sheet")
     linen = add_finish(spec, "linen")
     add_skin(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
-    back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
-    add_skin(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=back, quat=_BACK_Q)
-    pillow = _on_backrest(0.66, 0.005)
-    add_skin(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=_BACK_Q)
+    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
+    add_skin(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=middle, quat=back[1])
+    pillow = _on_backrest(back, 0.66, 0.005)
+    add_skin(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=back[1])
 
 
 def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
@@ -120,7 +143,7 @@ def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
     return loft([Section(z, half_x, half_y, exponent=8.0) for z in (-half_z, half_z)], segments=48)
 
 
-def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
     paint = add_finish(spec, "bed_frame")
     steel = add_finish(spec, "steel")
     for sign in (-1.0, 1.0):
@@ -130,9 +153,9 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         add_visual(body, BOX, paint, pos=[0, y, _DECK_Z - 0.005], size=[0.41, 0.02, 0.015])
     legs = [0, _LEGS_CENTRE[1], _DECK_Z + 0.018]
     add_visual(body, BOX, paint, pos=legs, size=[0.43, _LEGS_HALF[1], 0.008])
-    back = _on_backrest(0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
-    add_visual(body, BOX, paint, pos=back, quat=_BACK_Q, size=[0.43, _BACK_HALF[1] - 0.02, 0.012])
-    strut = [0.0, 0.80, _DECK_Z, *_on_backrest(0.50, -MATTRESS_THICKNESS_M - 0.02)]
+    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
+    add_visual(body, BOX, paint, pos=middle, quat=back[1], size=[0.43, _BACK_HALF[1] - 0.02, 0.012])
+    strut = [0.0, 0.80, _DECK_Z, *_on_backrest(back, 0.50, -MATTRESS_THICKNESS_M - 0.02)]
     add_visual(body, CAPSULE, steel, fromto=strut, size=[0.018, 0, 0])
 
 
@@ -149,11 +172,11 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             add_visual(body, CAPSULE, steel, fromto=[x, y, low, x, y, high], size=[0.007, 0, 0])
 
 
-def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
     paint = add_finish(spec, "bed_frame")
     steel = add_finish(spec, "steel")
     rubber = add_finish(spec, "rubber")
-    low = 2.0 * _CASTER_RADIUS + 0.06
+    low = 2.0 * _CASTER_RADIUS + 0.06 - rise_m
     for y in (-0.45, 0.45):
         column = [0.0, _MIDDLE_Y + y, low, 0.0, _MIDDLE_Y + y, _DECK_Z]
         add_visual(body, CYLINDER, steel, fromto=column, size=[0.045, 0, 0])
@@ -162,14 +185,20 @@ def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         x = sign * _CASTER_X
         add_visual(body, BOX, paint, pos=[x, _MIDDLE_Y, low], size=[0.025, _CASTER_Y + 0.04, 0.025])
         for end, y in (("foot", _MIDDLE_Y - _CASTER_Y), ("head", _MIDDLE_Y + _CASTER_Y)):
-            _add_caster(spec, body, f"bed_{side}_{end}_caster", (x, y, low), rubber, steel)
+            _add_caster(spec, body, f"bed_{side}_{end}_caster", (x, y, low), rise_m, rubber, steel)
 
 
 def _add_caster(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, top: Sequence[float], tyre: str, metal: str
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    top: Sequence[float],
+    rise_m: float,
+    tyre: str,
+    metal: str,
 ) -> None:
     x, y, z = top
-    centre = [x, y, _CASTER_RADIUS]
+    centre = [x, y, _CASTER_RADIUS - rise_m]
     add_skin(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 24, 8), pos=centre)
     wheel = [x - 0.008, *centre[1:], x + 0.008, *centre[1:]]
     add_visual(body, CYLINDER, metal, fromto=wheel, size=[_CASTER_RADIUS - 0.02, 0, 0])

@@ -42,9 +42,9 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def height_offset_m(self, posture: Posture) -> float:
         """Returns the height in metres of the real seat or mattress above the virtual one."""
-        if posture is SEATED:
-            return self.seat_height_m - SEAT_HEIGHT_M
-        return self.mattress_height_m - MATTRESS_TOP_M
+        real_m = self.seat_height_m if posture.seated else self.mattress_height_m
+        virtual_m = SEAT_HEIGHT_M if posture.seated else MATTRESS_TOP_M
+        return real_m - virtual_m - posture.rise_m
 
     def head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
         """Returns the height in metres of a resting head on real furniture above one on virtual furniture."""
@@ -53,7 +53,7 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def backrest_deg(self, posture: Posture) -> float:
         """Returns the backrest angle of the real furniture from the horizontal, in degrees."""
-        return self.seat_back_deg if posture is SEATED else self.mattress_back_deg
+        return self.seat_back_deg if posture.seated else self.mattress_back_deg
 
 
 DEFAULT_FURNITURE = RealFurniture()

@@ -26,35 +26,44 @@ _CASTER_RADIUS, _CASTER_Y = 0.09, -0.32
 _FRAME_X = 0.245
 ARMREST_X_M, ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M = 0.265, 0.03, -0.19, 0.76
 _SIGNS = {"right": -1.0, "left": 1.0}
+_OTHER_SIDE = {"right": "left", "left": "right"}
 
 
 def add_wheelchair(
-    spec: mujoco.MjSpec, appearance: bool, *, armrests: Collection[str] = ("right", "left")
+    spec: mujoco.MjSpec,
+    appearance: bool,
+    *,
+    armrests: Collection[str] = ("right", "left"),
+    mirrored: bool = False,
+    rise_m: float = 0.0,
 ) -> None:
     """Add the wheelchair. The hips of a seated person are on its cushion.
 
-    Armrests are removable: only the sides in ``armrests`` have one.
+    Armrests are removable: only the sides in ``armrests`` have one, or the other sides if ``mirrored``. ``rise_m`` is
+    the height of seat, armrests and footplates above their usual height.
     """
+    if mirrored:
+        armrests = [_OTHER_SIDE[side] for side in armrests]
     body = spec.worldbody.add_body(name=WHEELCHAIR_BODY)
-    _add_wheelchair_collision(body, armrests)
+    _add_wheelchair_collision(body, armrests, rise_m)
     if appearance:
-        _add_upholstery(spec, body)
-        _add_frame(spec, body)
+        _add_upholstery(spec, body, rise_m)
+        _add_frame(spec, body, rise_m)
         _add_wheels(spec, body)
         for side in armrests:
-            _add_armrest(spec, body, side)
+            _add_armrest(spec, body, side, rise_m)
 
 
-def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -> None:
+def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str], rise_m: float) -> None:
     back_half = 0.5 * (0.90 - SEAT_HEIGHT_M)
     boxes = {
-        "seat": ([0, 0.5 * (_BACK_Y + _FRONT_Y), SEAT_HEIGHT_M - 0.03], [_HALF_SEAT, 0.205, 0.03]),
-        "backrest": ([0, _BACK_Y + 0.02, SEAT_HEIGHT_M + back_half], [0.215, 0.02, back_half]),
+        "seat": ([0, 0.5 * (_BACK_Y + _FRONT_Y), SEAT_HEIGHT_M - 0.03 + rise_m], [_HALF_SEAT, 0.205, 0.03]),
+        "backrest": ([0, _BACK_Y + 0.02, SEAT_HEIGHT_M + back_half + rise_m], [0.215, 0.02, back_half]),
     }
     for side, sign in _SIGNS.items():
         if side in armrests:
             boxes[f"{side}_armrest"] = (
-                [sign * ARMREST_X_M, -0.03, ARMREST_TOP_M - 0.015],
+                [sign * ARMREST_X_M, -0.03, ARMREST_TOP_M - 0.015 + rise_m],
                 [ARMREST_HALF_WIDTH_M, 0.16, 0.015],
             )
         boxes[f"{side}_wheel"] = ([sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS], [0.02, 0.28, 0.28])
@@ -62,19 +71,19 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -
         add_collision(body, f"wheelchair_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
 
 
-def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
     fabric = add_finish(spec, "fabric")
     rubber = add_finish(spec, "rubber")
-    seat_y = 0.5 * (_BACK_Y + _FRONT_Y)
-    add_visual(body, BOX, fabric, pos=[0, seat_y, SEAT_HEIGHT_M - 0.035], size=[_HALF_SEAT, 0.205, 0.030])
-    add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70], size=[0.215, 0.012, 0.185])
+    seat_y, seat_z = 0.5 * (_BACK_Y + _FRONT_Y), SEAT_HEIGHT_M - 0.035 + rise_m
+    add_visual(body, BOX, fabric, pos=[0, seat_y, seat_z], size=[_HALF_SEAT, 0.205, 0.030])
+    add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70 + rise_m], size=[0.215, 0.012, 0.185])
     for sign in (-1, 1):
-        handle = [sign * 0.222, 0.21, 0.915, sign * 0.222, 0.31, 0.905]
+        handle = [sign * 0.222, 0.21, 0.915 + rise_m, sign * 0.222, 0.31, 0.905 + rise_m]
         add_visual(body, CAPSULE, rubber, fromto=handle, size=[0.016, 0, 0])
-        add_visual(body, BOX, rubber, pos=[sign * 0.10, -0.50, 0.095], size=[0.075, 0.115, 0.008])
+        add_visual(body, BOX, rubber, pos=[sign * 0.10, -0.50, 0.095 + rise_m], size=[0.075, 0.115, 0.008])
 
 
-def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
     paint = add_finish(spec, "frame")
     steel = add_finish(spec, "steel")
     for side, sign in _SIGNS.items():
@@ -88,22 +97,26 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             "base": [[x, _BACK_Y, 0.22], [x, -0.05, 0.22], [x, _CASTER_Y, 0.22]],
             "front": [[x, _CASTER_Y, 0.44], [x, _CASTER_Y, 0.30], [x, _CASTER_Y, 0.19]],
         }  # fmt: skip
+        for name in ("back", "seat", "shin"):
+            bars[name] = [[x, y, z + rise_m] for x, y, z in bars[name]]
+        bars["front"][0][2] += rise_m
         for name, points in bars.items():
             add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded_polyline(points), 0.0125))
     for sign in (-1.0, 1.0):
-        brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42]
+        brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42 + rise_m]
         add_visual(body, CAPSULE, steel, fromto=brace, size=[0.010, 0, 0])
 
 
-def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
+def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str, rise_m: float) -> None:
     rubber = add_finish(spec, "rubber")
     paint = add_finish(spec, "frame")
     x = _SIGNS[side] * ARMREST_X_M
-    bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
+    low, high = 0.44 + rise_m, 0.73 + rise_m
+    bar = [[x, 0.11, low], [x, 0.11, high], [x, -0.17, high], [x, -0.17, low]]
     add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
-    guard = [_SIGNS[side] * (ARMREST_X_M - 0.003), -0.03, 0.60]
+    guard = [_SIGNS[side] * (ARMREST_X_M - 0.003), -0.03, 0.60 + rise_m]
     add_visual(body, BOX, paint, pos=guard, size=[0.004, 0.12, 0.10])
-    add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748], size=[0.028, 0.15, 0.012])
+    add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748 + rise_m], size=[0.028, 0.15, 0.012])
 
 
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:

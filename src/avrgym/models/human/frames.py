@@ -43,7 +43,8 @@ PARENTS: Mapping[str, str | None] = {
 BODIES = tuple(PARENTS)
 
 RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
-"""Bodies and geoms of the right arm. Their frames are shoulder, elbow and wrist."""
+LEFT_ARM = ("left_upper_arm", "left_forearm", "left_hand")
+"""Bodies and geoms of each arm. Their frames are shoulder, elbow and wrist."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Posture:
     """Posture of a person: rotations about x of the hips and of the legs, which are not actuated.
 
     ``hips_pos_w`` is the origin of the hips. ``None``: the person sits, and the origin depends on the sex.
+    ``rise_m`` is the height of the person above this origin, on a seat or bed of another height.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -58,12 +60,18 @@ class Posture:
     thigh_deg: float
     shin_deg: float
     shoes: bool = True
+    rise_m: float = 0.0
+
+    @property
+    def seated(self) -> bool:
+        """Whether the person is on a seat, not in bed."""
+        return self.hips_pos_w is None
 
     def hips(self, p: Proportions) -> FloatArray:
         """Returns the origin of the hips, (3,) or (N, 3); world frame."""
         if self.hips_pos_w is None:
-            return _vector(0.0, 0.03, p.seated_hips_height)
-        pos_w = constant_like(np.array(self.hips_pos_w), p.mass)
+            return _vector(0.0, 0.03, p.seated_hips_height + self.rise_m)
+        pos_w = constant_like(np.add(self.hips_pos_w, [0.0, 0.0, self.rise_m]), p.mass)
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     @property

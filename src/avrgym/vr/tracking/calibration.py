@@ -19,7 +19,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.models.human import PROPORTIONS, SEATED, Person, Posture, Sex
+from avrgym.models.human import PROPORTIONS, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol.messages import XRPose
@@ -47,7 +47,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
     if not low <= height_m <= high:
         key, rests_m = (
             ("wrong_height_seated", furniture.seat_height_m)
-            if posture is SEATED
+            if posture.seated
             else ("wrong_height_lying", furniture.mattress_height_m)
         )
         heights = {"height_m": height_m, "low_m": low, "high_m": high}

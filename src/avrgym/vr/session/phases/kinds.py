@@ -94,7 +94,7 @@ class Ongoing(Phase):
             return phases.BreakQuestionnaire(state)
         if not state.worlds.is_fresh(state.trial, state.person):
             return phases.LoadTrial(state)
-        if state.calibrated_for is not state.world.scene_config.posture:
+        if state.calibrated_for != state.world.scene_config.posture:
             return phases.Calibration(state)
         if state.on_hold:
             return phases.Paused(state, Text("break" if state.pause_reason else "paused"))

@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 
 import msgspec
 
-from avrgym.models import human
 from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
@@ -48,7 +47,7 @@ class Calibration(InVR):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        seated = state.world.scene_config.posture is human.SEATED
+        seated = state.world.scene_config.posture.seated
         self.message = Text("calibration_seated" if seated else "calibration_lying")
         state.tracking.reset_place()
 

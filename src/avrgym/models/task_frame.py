@@ -1,0 +1,152 @@
+"""The frame of a task whose scene is mirrored or on another height.
+
+A task is written for one served arm, and for the usual height of seat or bed. In a scene with another arm or height,
+its functions compute in the task's frame: the person's sagittal plane is the mirror, and the floor is higher or lower
+than the person expects. In this frame the robot is the mirror image of the real one, with the same joint positions.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.kinematics import Chain
+from avrgym.models import human
+from avrgym.models.human import JOINTS, People
+from avrgym.models.human.joints import X_AXIS
+from avrgym.models.robot import Mount
+
+X, Y = 0, 1
+"""Axes across the planes of symmetry: x of the world and of people's bodies, y of robots and of most tools."""
+
+
+def opposite(name: str) -> str:
+    """Returns the name of the same joint or body part on the other side of the person."""
+    side, _, part = name.partition("_")
+    return {"left": "right_", "right": "left_"}[side] + part if side in ("left", "right") else name
+
+
+_NAMES, _GEOMS = list(JOINTS), list(human.GEOMS)
+_JOINTS = np.array([_NAMES.index(opposite(name)) for name in _NAMES])
+_JOINT_SIGNS = np.array([1.0 if joint.axis == X_AXIS else -1.0 for joint in JOINTS.values()])
+OPPOSITE_GEOMS = np.array([_GEOMS.index(opposite(name)) for name in _GEOMS])
+"""Index of the geom on the other side of the body, for each of ``human.GEOMS``."""
+
+
+@dataclass(frozen=True)
+class TaskFrame:
+    """A task's frame: mirrored at the person's sagittal plane (x = 0), and ``rise_m`` above the world frame.
+
+    Mirroring is its own inverse. Methods without ``to_world`` therefore map in both directions.
+    """
+
+    mirrored: bool = False
+    rise_m: float = 0.0
+
+    def points(self, pos: FloatArray, *, to_world: bool = False) -> FloatArray:
+        """Positions (..., 3) in the task's frame from the world frame, or the reverse."""
+        moved = self.vectors(pos)
+        if self.rise_m:
+            rise_m = self.rise_m if to_world else -self.rise_m
+            moved = moved + constant_like(np.array([0.0, 0.0, rise_m]), pos)
+        return moved
+
+    def vectors(self, v: FloatArray) -> FloatArray:
+        """Vectors (..., 3) in the other frame."""
+        return v * constant_like(_signs(X), v) if self.mirrored else v
+
+    def rotations(self, q: FloatArray, axis: int) -> FloatArray:
+        """Rotations (..., 4) of symmetric bodies in the other frame. ``axis`` is the body's axis across its plane of
+        symmetry."""
+        return mirrored_rotations(q, X, axis) if self.mirrored else q
+
+    def joint_angles(self, joint_angles_rad: FloatArray) -> FloatArray:
+        """Joint angles (..., 20) of people in the other frame."""
+        if not self.mirrored:
+            return joint_angles_rad
+        signs = constant_like(_JOINT_SIGNS, joint_angles_rad)
+        return self.per_joint(joint_angles_rad) * signs
+
+    def per_joint(self, values: FloatArray, axis: int = -1) -> FloatArray:
+        """Values by joint, without sign, in the other frame; ``axis`` has length 20."""
+        if not self.mirrored:
+            return values
+        return namespace(values).take(values, constant_like(_JOINTS, values), axis=axis)
+
+    def people(self, people: People) -> People:
+        """People in the other frame: their left and right sides are exchanged."""
+        if not self.mirrored:
+            return people
+        xp, strength, torque = namespace(people.torque_share), people.strength_share, people.torque_share
+        torque = self.per_joint(torque, axis=-2)
+        reversed_axis = constant_like(_JOINT_SIGNS < 0.0, torque)[:, None]
+        return replace(
+            people,
+            joint_angles_rad=self.joint_angles(people.joint_angles_rad),
+            tremor_rad=self.per_joint(people.tremor_rad),
+            strength_share=self.per_joint(strength) if strength.ndim > 1 else strength,
+            torque_share=xp.where(reversed_axis, xp.flip(torque, axis=-1), torque),
+            damping_n_m_s=self.per_joint(people.damping_n_m_s),
+        )
+
+    def mount(self, mount: Mount) -> Mount:
+        """A mount of the world frame in the task's frame."""
+        x, y, z = mount.pos_w
+        if not self.mirrored:
+            return replace(mount, pos_w=(x, y, z - self.rise_m))
+        base_range = None if mount.base_range is None else mount.base_range.mirrored()
+        return replace(
+            mount, pos_w=(-x, y, z - self.rise_m), yaw_rad=np.pi - mount.yaw_rad, base_range=base_range
+        )
+
+
+WORLD_FRAME = TaskFrame()
+MIRRORED_LINK = np.array([1.0, -1.0, 1.0])
+"""Factors (3,) that mirror a point in the frame of a robot's link."""
+
+
+def mirrored_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatArray:
+    """Rotations (..., 4) of bodies in a mirrored world. ``world_axis`` is the normal of the mirror; the bodies are
+    symmetric across their ``body_axis``.
+
+    With the reflections M of the world and S of the body, the rotation matrix R becomes M R S.
+    """
+    turned = q * constant_like(_conjugation(world_axis), q)
+    if world_axis == body_axis:
+        return turned
+    half_turn = np.zeros(4)
+    half_turn[4 - world_axis - body_axis] = 1.0
+    return transforms.multiply(turned, constant_like(half_turn, q))
+
+
+def mirrored_chain(chain: Chain, tip_axis: int) -> Chain:
+    """The mirror image of a chain with the same joint positions: all frames but the tip are mirrored across y.
+
+    ``tip_axis`` is the tip's axis across its plane of symmetry.
+    """
+    slides = np.isin(np.arange(len(chain.axis)), list(chain.slides))[:, None]
+    axis = chain.axis * MIRRORED_LINK
+    return replace(
+        chain,
+        pos=chain.pos * MIRRORED_LINK,
+        q=chain.q * _conjugation(Y),
+        axis=np.where(slides, axis, -axis),
+        tip_pos=chain.tip_pos * MIRRORED_LINK,
+        tip_q=mirrored_rotations(chain.tip_q, Y, tip_axis),
+    )
+
+
+def _signs(axis: int) -> FloatArray:
+    """Factors (3,) that mirror a vector along an axis."""
+    signs = np.ones(3)
+    signs[axis] = -1.0
+    return signs
+
+
+def _conjugation(axis: int) -> FloatArray:
+    """Factors (4,) of a quaternion whose rotation is mirrored along an axis: M R M."""
+    signs = -np.ones(4)
+    signs[[0, axis + 1]] = 1.0
+    return signs

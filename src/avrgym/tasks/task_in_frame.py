@@ -1,0 +1,231 @@
+"""A task in a scene with another served arm, or another height of seat or bed.
+
+The functions of the task compute in the task's frame, see ``models.task_frame``. Wrappers convert their arguments from
+the world frame and their results to it. A task therefore needs no code for the other arm.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry.arrays import constant_like
+from avrgym.models.human import People
+from avrgym.models.scene import SceneConfig
+from avrgym.models.task_frame import OPPOSITE_GEOMS, TaskFrame, X, Y, opposite
+from avrgym.people.cooperation import OfferedPart
+from avrgym.people.distributions import Pose
+from avrgym.simulation.state import Arms
+from avrgym.simulation.worlds import Simulation, Start, State
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.task import (
+    Controller,
+    Expert,
+    Marks,
+    RunningEpisodes,
+    Task,
+    TaskState,
+    View,
+    Views,
+)
+
+_OTHER_PART: dict[OfferedPart, OfferedPart] = {"arm": "left_arm", "left_arm": "arm"}
+_POINTS = (
+    "robot_pos_w", "tool_pos_w", "pad_pos_w", "head_pos_w", "mouth_pos_w", "particle_pos_w", "cloth_pos_w",
+    "tool_contact_pos_w",
+)  # fmt: skip
+_VECTORS = ("effector_velocity_w", "tool_velocity_w", "particle_velocity_w", "tool_contact_normal_w")
+_BASE_SIGNS = np.array([1.0, -1.0, -1.0])
+"""Factors of the displacement of a driving base in a mirrored world: x, y and yaw."""
+
+
+def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
+    """Returns the task in a scene whose ``task_scene`` has this frame.
+
+    ``mirror_axis`` is the axis across the tool's plane of symmetry.
+    """
+    view = _View(frame, mirror_axis)
+    detour_m, memory_expert, marks = task.detour_m, task.memory_expert, task.marks
+    changed: dict[str, Any] = {
+        "start": partial(_start, task.start, view),
+        "init_state": lambda people, uniforms: task.init_state(frame.people(people), uniforms),
+        "observation": lambda scene: _observation(task.observation(scene.in_task_frame), view),
+        "evaluate_step": lambda state, action, task_state: task.evaluate_step(
+            view.state(state), action, task_state
+        ),
+        "expert": partial(_expert, task.expert, view),
+        "feedback_expert": partial(_expert, task.feedback_expert, view),
+        "memory_expert": None if memory_expert is None else partial(_expert, memory_expert, view),
+        "detour_m": None
+        if detour_m is None
+        else lambda state, task_state: detour_m(view.state(state), task_state),
+        "marks": None if marks is None else _marks(marks, view),
+        "views": Views(*(_camera(each, frame) for each in task.views)),
+        "variant": None,
+    }
+    if frame.mirrored:
+        pose = task.pose
+        changed |= {
+            "goal": with_other_arm(task.goal),
+            "pose": Pose(frame.joint_angles(pose.rest_rad), frame.per_joint(pose.spread_rad)),
+            "offered": _OTHER_PART.get(task.offered, task.offered),
+            "tracked": tuple({"right": "left", "left": "right"}.get(part, part) for part in task.tracked),
+            "strength_share": _other_side(task.strength_share),
+        }
+    return replace(task, **changed)
+
+
+def with_other_arm(goal: str) -> str:
+    """Returns a task's goal for the other arm."""
+    for side, other in (("right", "left"), ("left", "right")):
+        if f"{side} arm" in goal:
+            return goal.replace(f"{side} arm", f"{other} arm")
+    return goal
+
+
+def _other_side(strength_share: Any) -> Any:
+    if not isinstance(strength_share, dict):
+        return strength_share
+    return {opposite(name): share for name, share in strength_share.items()}
+
+
+def state_in_frame(state: State, frame: TaskFrame, mirror_axis: int) -> State:
+    """Returns a state of the world frame in the task's frame."""
+    if not (frame.mirrored or frame.rise_m):
+        return state
+    changed: dict[str, Any] = {name: frame.points(getattr(state, name)) for name in _POINTS}
+    changed |= {name: frame.vectors(getattr(state, name)) for name in _VECTORS}
+    changed["placed_pos_w"] = {name: frame.points(pos) for name, pos in state.placed_pos_w.items()}
+    changed["person_segment_w"] = frame.points(state.person_segment_w)
+    changed |= vars(_arms(state, frame))
+    if frame.mirrored:
+        geoms = constant_like(OPPOSITE_GEOMS, state.person_radius_m)
+        changed["person_segment_w"] = changed["person_segment_w"][:, geoms]
+        changed["person_radius_m"] = state.person_radius_m[:, geoms]
+        changed["head_q_w"] = frame.rotations(state.head_q_w, X)
+        changed["tool_q_w"] = frame.rotations(state.tool_q_w, mirror_axis)
+        changed["pad_q_w"] = frame.rotations(state.pad_q_w, mirror_axis)
+        changed["base_displacement"] = _base_displacement(state.base_displacement, frame)
+    return replace(state, **changed)
+
+
+def _arms(arms: Arms, frame: TaskFrame) -> Arms:
+    pos_w = [frame.points(pos) for pos in (arms.right_arm_pos_w, arms.left_arm_pos_w)]
+    q_w = [frame.rotations(q, X) for q in (arms.right_arm_q_w, arms.left_arm_q_w)]
+    right, left = (1, 0) if frame.mirrored else (0, 1)
+    return Arms(pos_w[right], q_w[right], pos_w[left], q_w[left])
+
+
+def _base_displacement(displacement: FloatArray, frame: TaskFrame) -> FloatArray:
+    if not (frame.mirrored and displacement.shape[-1]):
+        return displacement
+    return displacement * constant_like(_BASE_SIGNS, displacement)
+
+
+@dataclass(eq=False)
+class _View:
+    """The world as the task's functions see it. The latest state is converted once."""
+
+    frame: TaskFrame
+    mirror_axis: int
+    _latest: tuple[State, State] | None = None
+
+    def state(self, state: State) -> State:
+        """The state in the task's frame."""
+        latest = self._latest
+        if latest is None or latest[0] is not state:
+            latest = self._latest = state, state_in_frame(state, self.frame, self.mirror_axis)
+        return latest[1]
+
+
+def _start(
+    start: Callable[[SceneConfig, People, FloatArray], Start],
+    view: _View,
+    scene: SceneConfig,
+    people: People,
+    uniforms: FloatArray,
+) -> Start:
+    frame = view.frame
+    found = start(scene.in_task_frame, frame.people(people), uniforms)
+    return replace(
+        found,
+        people=people,
+        robot_pos_w=frame.points(found.robot_pos_w, to_world=True),
+        robot_q_w=frame.rotations(found.robot_q_w, Y),
+        placed_pos_w={name: frame.points(pos, to_world=True) for name, pos in found.placed_pos_w.items()},
+    )
+
+
+def _observation(observation: Observation, view: _View) -> Observation:
+    def computed(compute: Callable[[State, Any], FloatArray]) -> Callable[[State, Any], FloatArray]:
+        return lambda state, task_state: compute(view.state(state), task_state)
+
+    return Observation(
+        tuple(replace(entry, compute=computed(entry.compute)) for entry in observation.entries)
+    )
+
+
+def _marks(marks: Marks, view: _View) -> Marks:
+    def places(arms: Arms, task_state: TaskState) -> FloatArray:
+        return view.frame.points(marks.places(_arms(arms, view.frame), task_state), to_world=True)
+
+    return replace(marks, places=cast(Any, places))
+
+
+def _camera(view: View, frame: TaskFrame) -> View:
+    x, y, z = view.look_at_w
+    if frame.mirrored:
+        x = -x
+    return view._replace(
+        look_at_w=(x, y, z + frame.rise_m),
+        azimuth_deg=180.0 - view.azimuth_deg if frame.mirrored else view.azimuth_deg,
+    )
+
+
+def _expert(expert: Expert, view: _View, episodes: RunningEpisodes) -> Controller:
+    controller = expert(_EpisodesInFrame(episodes, view))
+    if not view.frame.mirrored or episodes.scene.robot.drive is None:
+        return controller
+    turn = np.ones(len(episodes.scene.action_names))
+    turn[-1] = -1.0
+    return lambda observation: controller(observation) * turn
+
+
+class _SimulationInFrame:
+    """The part of ``Simulation`` that experts use, in the task's frame."""
+
+    def __init__(self, simulation: Simulation, frame: TaskFrame) -> None:
+        self._simulation, self._frame = simulation, frame
+        self.num_worlds = simulation.num_worlds
+        self.joint_positions, self.joint_targets = simulation.joint_positions, simulation.joint_targets
+
+    def robot_base(self) -> tuple[FloatArray, FloatArray]:
+        return self._base(*self._simulation.robot_base())
+
+    def current_base(self) -> tuple[FloatArray, FloatArray]:
+        return self._base(*self._simulation.current_base())
+
+    def _base(self, pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self._frame.points(pos_w), self._frame.rotations(q_w, Y)
+
+    def base_displacement(self) -> FloatArray:
+        return _base_displacement(self._simulation.base_displacement(), self._frame)
+
+
+class _EpisodesInFrame:
+    """Running episodes in the task's frame, for experts."""
+
+    def __init__(self, episodes: RunningEpisodes, view: _View) -> None:
+        self._episodes, self._view = episodes, view
+        self.simulation = cast(Simulation, _SimulationInFrame(episodes.simulation, view.frame))
+        self.scene = episodes.scene.in_task_frame
+
+    @property
+    def task_state(self) -> TaskState:
+        return self._episodes.task_state
+
+    def state(self) -> State:
+        return self._view.state(self._episodes.state())
