@@ -5,16 +5,20 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from avrgym.analysis.commands import describe_condition
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.commands.preferences import Preferences
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
+from avrgym.study.checking.checks import check_study
+from avrgym.study.design.design import DesignError
 from avrgym.study.people.preferences import preferences_of, record_preferences
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.tasks.settings import Settings
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 
@@ -90,3 +94,64 @@ def test_simulated_participants_command_only_the_paced_robot(tmp_path: Path) -> 
     (row,) = found.observed.commands
     assert (row.policy, row.commands > 0, row.waiting_s > 0.0) == ("participant_paced", True, True)
     assert row.agreement_share == 1.0
+
+
+SCENES = """
+[conditions.low]
+policy = "oracle"
+settings = { bed_height_m = 0.5, served_arm = "left" }
+
+[conditions.high]
+policy = "oracle"
+settings = { bed_height_m = 0.65 }
+"""
+
+
+def study_of_scenes(folder: Path, scenes: str = SCENES, **changes: str) -> Path:
+    values = {"tasks": '["BedBathing"]', "robots": '["PR2"]', "policies": '["low", "high"]'} | changes
+    make_study(folder, practice_policy='""', **values)
+    text = (folder / "study.toml").read_text().replace('BedBathing = "Get your right arm washed."\n', "")
+    text = text.replace("\n[settings]\n", "\n[settings]\nbody_mass_kg = 90.0\n")
+    (folder / "study.toml").write_text(text + scenes)
+    return folder
+
+
+def test_a_condition_changes_the_settings_of_its_trials(tmp_path: Path) -> None:
+    with Store(study_of_scenes(tmp_path)) as store:
+        plan = plan_session(store, enrol_included(store))
+        found = {trial.policy: (plan.settings_of(trial), plan.goal_of(trial)) for trial in plan.trials}
+        assert found == {
+            "low": (
+                Settings(body_mass_kg=90.0, bed_height_m=0.5, served_arm="left"),
+                "Get your left arm washed.",
+            ),
+            "high": (Settings(body_mass_kg=90.0, bed_height_m=0.65), "Get your right arm washed."),
+        }
+        assert "settings bed_height_m=0.65" in describe_condition(store.design.conditions["high"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ("seat_height_m = 0.5", "no setting seat_height_m"),
+        ("control_hz = 20", "the same rate"),
+        ("range_share = 0.5", "participants have their own bodies"),
+    ],
+)
+def test_an_impossible_setting_of_a_condition_is_refused(settings: str, problem: str, tmp_path: Path) -> None:
+    with pytest.raises(DesignError, match=problem):
+        Store(study_of_scenes(tmp_path, SCENES.replace("bed_height_m = 0.65", settings)))
+
+
+@pytest.mark.slow
+def test_trials_of_conditions_with_settings_are_recorded_and_verified(tmp_path: Path) -> None:
+    folder = study_of_scenes(tmp_path, trial_steps="20", free_movement_s="0.2")
+    simulate_study(folder, 1, seed=1, jobs=1)
+    with Store(folder) as store:
+        found = analyse(store)
+        for row in found.observed.trials:
+            recording = read_recording(store.path(row.recording))
+            assert recording.configuration.settings == store.design.settings_of(row.policy)
+            checked = verify(recording)
+            assert (checked.identical_states, checked.identical_steps) == (checked.states, 20)
+        assert not [finding for finding in check_study(store) if finding.is_error]

@@ -6,8 +6,8 @@ from statistics import fmean
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, number_text, table, tag
 from avrgym.analysis.reading.commands import CommandRow
 from avrgym.analysis.reading.rows import TrialRow
-from avrgym.commands.preferences import CommandRules, in_words
-from avrgym.study.design.design import Design
+from avrgym.commands.preferences import in_words
+from avrgym.study.design.design import Condition, Design
 
 COMMANDS_METHOD = (
     "Commands: an ignored command is not allowed in its condition, or no trial ran. Waiting time: time at the waiting "
@@ -48,7 +48,7 @@ def commands_section(
     )
 
 
-def describe_condition(rules: CommandRules) -> str:
+def describe_condition(rules: Condition) -> str:
     """Returns a condition in words."""
     words = [f"policy {rules.policy}"]
     if rules.commands:
@@ -58,6 +58,8 @@ def describe_condition(rules: CommandRules) -> str:
         words.append("without commands")
     if rules.preferences:
         words.append("with the participants' own preferences")
+    if rules.settings.changed:
+        words.append(f"settings {rules.settings}")
     described = f"{'; '.join(words)}."
     return f"{described} {in_words(rules.defaults)}" if rules.layered else described
 

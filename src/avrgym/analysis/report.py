@@ -50,7 +50,6 @@ from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
-from avrgym.tasks.registry import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
 
@@ -239,7 +238,7 @@ def _facts(analysis: Analysis) -> Markup:
 
 
 def _goals(design: Design) -> str:
-    return " ".join(f"{task}: {design.goals.get(task) or TASKS[task].goal}" for task in design.tasks)
+    return " ".join(f"{task}: {design.goal_of(task)}" for task in design.tasks)
 
 
 def _seat(design: Design) -> str:

@@ -119,7 +119,7 @@ def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
     person = Person(**msgspec.structs.asdict(configuration.person))
     return (
         configuration.environment,
-        resting_person(configuration.environment, person),
+        resting_person(configuration.environment, person, configuration.settings),
         configuration.settings,
     )
 

@@ -24,7 +24,7 @@ from avrgym.commands.preferences import (
 from avrgym.commands.vocabulary import COMMAND_INDEX, COMMAND_NAMES, CommandName
 from avrgym.geometry import transforms
 from avrgym.geometry.capsules import point_distance
-from avrgym.models.human import GEOMS
+from avrgym.models.human import GEOMS, LEFT_ARM, RIGHT_ARM
 from avrgym.people.cooperation import OfferedPart
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.safety.retreat import SPEED_M_S, Retreat
@@ -50,7 +50,8 @@ NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREF
 """The input ``command`` without a command."""
 _PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": ("cranium", "jaw"),
-    "arm": ("right_upper_arm", "right_forearm", "right_hand"),
+    "arm": RIGHT_ARM,
+    "left_arm": LEFT_ARM,
     "nothing": tuple(GEOMS),
 }
 _SIDES = {"any": 0.0, "left": 1.0, "right": -1.0}
@@ -266,7 +267,8 @@ class Pacing(PerWorldState):
 
     def _reference_w(self, state: State) -> FloatArray:
         """The position (N, 3) relative to which the tool is on the left or right."""
-        return state.right_arm_pos_w.mean(axis=1) if self._offered == "arm" else state.mouth_pos_w
+        arms = {"arm": state.right_arm_pos_w, "left_arm": state.left_arm_pos_w}
+        return arms[self._offered].mean(axis=1) if self._offered in arms else state.mouth_pos_w
 
 
 def facing_angle_rad(state: State) -> FloatArray:

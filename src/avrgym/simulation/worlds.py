@@ -37,7 +37,7 @@ from avrgym.simulation.unused_computation import without_unused_computation
 from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
 
-__all__ = ["MAX_LEAD_RAD", "REMOVED_PARTICLE_POS_W", "RightArm", "Simulation", "Start", "State"]
+__all__ = ["MAX_LEAD_RAD", "REMOVED_PARTICLE_POS_W", "Arms", "RightArm", "Simulation", "Start", "State"]
 
 
 MAX_LEAD_RAD = 0.08

@@ -17,7 +17,7 @@ from avrgym.models.robot import Mount, Robot, Side
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import RightArm, Simulation, Start, State
+from avrgym.simulation.worlds import Arms, Simulation, Start, State
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
@@ -128,14 +128,14 @@ class Views(NamedTuple):
 class Marks:
     """Marks that a task draws on the person's arm.
 
-    ``places(arm, task_state)`` returns positions (N, ``count``, 3) in the world frame, in metres. Hidden marks are
+    ``places(arms, task_state)`` returns positions (N, ``count``, 3) in the world frame, in metres. Hidden marks are
     below the floor.
     """
 
     count: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[RightArm, TaskState], FloatArray]
+    places: Callable[[Arms, TaskState], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)

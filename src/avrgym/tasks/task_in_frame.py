@@ -4,7 +4,7 @@ The functions of the task compute in the task's frame, see ``models.task_frame``
 the world frame and their results to it. A task therefore needs no code for the other arm.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
@@ -13,6 +13,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like
+from avrgym.models.body_names import Part
 from avrgym.models.human import People
 from avrgym.models.scene import SceneConfig
 from avrgym.models.task_frame import OPPOSITE_GEOMS, TaskFrame, X, Y, opposite
@@ -20,18 +21,20 @@ from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
 from avrgym.simulation.state import Arms
 from avrgym.simulation.worlds import Simulation, Start, State
-from avrgym.tasks.observation import Observation
+from avrgym.tasks.observation import EntryFunction, Observation
 from avrgym.tasks.task import (
     Controller,
     Expert,
     Marks,
     RunningEpisodes,
+    StepResult,
     Task,
     TaskState,
     View,
     Views,
 )
 
+_OTHER_SIDE: dict[Part, Part] = {"right": "left", "left": "right"}
 _OTHER_PART: dict[OfferedPart, OfferedPart] = {"arm": "left_arm", "left_arm": "arm"}
 _POINTS = (
     "robot_pos_w", "tool_pos_w", "pad_pos_w", "head_pos_w", "mouth_pos_w", "particle_pos_w", "cloth_pos_w",
@@ -47,35 +50,31 @@ def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
 
     ``mirror_axis`` is the axis across the tool's plane of symmetry.
     """
-    view = _View(frame, mirror_axis)
-    detour_m, memory_expert, marks = task.detour_m, task.memory_expert, task.marks
-    changed: dict[str, Any] = {
-        "start": partial(_start, task.start, view),
-        "init_state": lambda people, uniforms: task.init_state(frame.people(people), uniforms),
-        "observation": lambda scene: _observation(task.observation(scene.in_task_frame), view),
-        "evaluate_step": lambda state, action, task_state: task.evaluate_step(
-            view.state(state), action, task_state
-        ),
-        "expert": partial(_expert, task.expert, view),
-        "feedback_expert": partial(_expert, task.feedback_expert, view),
-        "memory_expert": None if memory_expert is None else partial(_expert, memory_expert, view),
-        "detour_m": None
-        if detour_m is None
-        else lambda state, task_state: detour_m(view.state(state), task_state),
-        "marks": None if marks is None else _marks(marks, view),
-        "views": Views(*(_camera(each, frame) for each in task.views)),
-        "variant": None,
-    }
-    if frame.mirrored:
-        pose = task.pose
-        changed |= {
-            "goal": with_other_arm(task.goal),
-            "pose": Pose(frame.joint_angles(pose.rest_rad), frame.per_joint(pose.spread_rad)),
-            "offered": _OTHER_PART.get(task.offered, task.offered),
-            "tracked": tuple({"right": "left", "left": "right"}.get(part, part) for part in task.tracked),
-            "strength_share": _other_side(task.strength_share),
-        }
-    return replace(task, **changed)
+    wrapped = _Wrapped(task, frame, mirror_axis)
+    changed = replace(
+        task,
+        start=wrapped.start,
+        init_state=wrapped.init_state,
+        observation=wrapped.observation,
+        evaluate_step=wrapped.evaluate_step,
+        expert=partial(wrapped.control, task.expert),
+        feedback_expert=partial(wrapped.control, task.feedback_expert),
+        memory_expert=None if task.memory_expert is None else partial(wrapped.control, task.memory_expert),
+        detour_m=None if task.detour_m is None else partial(wrapped.detour, task.detour_m),
+        marks=None if task.marks is None else wrapped.marks(task.marks),
+        views=Views(*(_camera(each, frame) for each in task.views)),
+        variant=None,
+    )
+    if not frame.mirrored:
+        return changed
+    return replace(
+        changed,
+        goal=with_other_arm(task.goal),
+        pose=Pose(frame.joint_angles(task.pose.rest_rad), frame.per_joint(task.pose.spread_rad)),
+        offered=_OTHER_PART.get(task.offered, task.offered),
+        tracked=tuple(_OTHER_SIDE.get(part, part) for part in task.tracked),
+        strength_share=_other_side(task.strength_share),
+    )
 
 
 def with_other_arm(goal: str) -> str:
@@ -86,8 +85,8 @@ def with_other_arm(goal: str) -> str:
     return goal
 
 
-def _other_side(strength_share: Any) -> Any:
-    if not isinstance(strength_share, dict):
+def _other_side(strength_share: float | Mapping[str, float] | None) -> float | Mapping[str, float] | None:
+    if not isinstance(strength_share, Mapping):
         return strength_share
     return {opposite(name): share for name, share in strength_share.items()}
 
@@ -126,9 +125,10 @@ def _base_displacement(displacement: FloatArray, frame: TaskFrame) -> FloatArray
 
 
 @dataclass(eq=False)
-class _View:
-    """The world as the task's functions see it. The latest state is converted once."""
+class _Wrapped:
+    """The functions of a task, called in its frame. The latest state is converted once."""
 
+    task: Task
     frame: TaskFrame
     mirror_axis: int
     _latest: tuple[State, State] | None = None
@@ -140,39 +140,50 @@ class _View:
             latest = self._latest = state, state_in_frame(state, self.frame, self.mirror_axis)
         return latest[1]
 
+    def start(self, scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+        frame = self.frame
+        found = self.task.start(scene.in_task_frame, frame.people(people), uniforms)
+        return replace(
+            found,
+            people=people,
+            robot_pos_w=frame.points(found.robot_pos_w, to_world=True),
+            robot_q_w=frame.rotations(found.robot_q_w, Y),
+            placed_pos_w={name: frame.points(pos, to_world=True) for name, pos in found.placed_pos_w.items()},
+        )
 
-def _start(
-    start: Callable[[SceneConfig, People, FloatArray], Start],
-    view: _View,
-    scene: SceneConfig,
-    people: People,
-    uniforms: FloatArray,
-) -> Start:
-    frame = view.frame
-    found = start(scene.in_task_frame, frame.people(people), uniforms)
-    return replace(
-        found,
-        people=people,
-        robot_pos_w=frame.points(found.robot_pos_w, to_world=True),
-        robot_q_w=frame.rotations(found.robot_q_w, Y),
-        placed_pos_w={name: frame.points(pos, to_world=True) for name, pos in found.placed_pos_w.items()},
-    )
+    def init_state(self, people: People, uniforms: FloatArray) -> TaskState:
+        return self.task.init_state(self.frame.people(people), uniforms)
 
+    def observation(self, scene: SceneConfig) -> Observation:
+        entries = self.task.observation(scene.in_task_frame).entries
+        return Observation(
+            tuple(replace(entry, compute=partial(self._compute, entry.compute)) for entry in entries)
+        )
 
-def _observation(observation: Observation, view: _View) -> Observation:
-    def computed(compute: Callable[[State, Any], FloatArray]) -> Callable[[State, Any], FloatArray]:
-        return lambda state, task_state: compute(view.state(state), task_state)
+    def _compute(self, compute: EntryFunction, state: State, task_state: TaskState) -> FloatArray:
+        return compute(self.state(state), task_state)
 
-    return Observation(
-        tuple(replace(entry, compute=computed(entry.compute)) for entry in observation.entries)
-    )
+    def evaluate_step(self, state: State, action: FloatArray, task_state: TaskState) -> StepResult:
+        return self.task.evaluate_step(self.state(state), action, task_state)
 
+    def detour(
+        self, detour_m: Callable[[State, TaskState], FloatArray], state: State, task_state: TaskState
+    ) -> FloatArray:
+        return detour_m(self.state(state), task_state)
 
-def _marks(marks: Marks, view: _View) -> Marks:
-    def places(arms: Arms, task_state: TaskState) -> FloatArray:
-        return view.frame.points(marks.places(_arms(arms, view.frame), task_state), to_world=True)
+    def marks(self, marks: Marks) -> Marks:
+        def places(arms: Arms, task_state: TaskState) -> FloatArray:
+            return self.frame.points(marks.places(_arms(arms, self.frame), task_state), to_world=True)
 
-    return replace(marks, places=cast(Any, places))
+        return replace(marks, places=places)
+
+    def control(self, expert: Expert, episodes: RunningEpisodes) -> Controller:
+        controller = expert(_EpisodesInFrame(episodes, self))
+        if not self.frame.mirrored or episodes.scene.robot.drive is None:
+            return controller
+        turn = np.ones(len(episodes.scene.action_names))
+        turn[-1] = -1.0
+        return lambda observation: controller(observation) * turn
 
 
 def _camera(view: View, frame: TaskFrame) -> View:
@@ -183,15 +194,6 @@ def _camera(view: View, frame: TaskFrame) -> View:
         look_at_w=(x, y, z + frame.rise_m),
         azimuth_deg=180.0 - view.azimuth_deg if frame.mirrored else view.azimuth_deg,
     )
-
-
-def _expert(expert: Expert, view: _View, episodes: RunningEpisodes) -> Controller:
-    controller = expert(_EpisodesInFrame(episodes, view))
-    if not view.frame.mirrored or episodes.scene.robot.drive is None:
-        return controller
-    turn = np.ones(len(episodes.scene.action_names))
-    turn[-1] = -1.0
-    return lambda observation: controller(observation) * turn
 
 
 class _SimulationInFrame:
@@ -218,9 +220,9 @@ class _SimulationInFrame:
 class _EpisodesInFrame:
     """Running episodes in the task's frame, for experts."""
 
-    def __init__(self, episodes: RunningEpisodes, view: _View) -> None:
-        self._episodes, self._view = episodes, view
-        self.simulation = cast(Simulation, _SimulationInFrame(episodes.simulation, view.frame))
+    def __init__(self, episodes: RunningEpisodes, wrapped: _Wrapped) -> None:
+        self._episodes, self._wrapped = episodes, wrapped
+        self.simulation = cast(Simulation, _SimulationInFrame(episodes.simulation, wrapped.frame))
         self.scene = episodes.scene.in_task_frame
 
     @property
@@ -228,4 +230,4 @@ class _EpisodesInFrame:
         return self._episodes.task_state
 
     def state(self) -> State:
-        return self._view.state(self._episodes.state())
+        return self._wrapped.state(self._episodes.state())

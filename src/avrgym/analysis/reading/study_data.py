@@ -25,7 +25,6 @@ from avrgym.analysis.reading.trial_series import Body, TrialSeries, read_trial_s
 from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_quality
-from avrgym.robots.registry import find_robot
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
@@ -36,7 +35,7 @@ from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import PARTICIPATING, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import TASKS
+from avrgym.tasks.registry import task_and_scene
 
 RESULTS_FROM_DATABASE = "reward and success come from the database"
 NO_BIOMECHANICS = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics"
@@ -226,7 +225,9 @@ def _without_path(error: Exception, exported: ExportedAttempt) -> str:
 def _add_measures(
     recording: Recording, row: TrialRow, found: StudyData, tell: Callable[[str, str], None]
 ) -> TrialRow:
-    measured = read_trial_series(recording, TASKS[row.task].scene(find_robot(row.robot)).posture)
+    configuration = recording.configuration
+    _, scene = task_and_scene(configuration.environment, configuration.settings)
+    measured = read_trial_series(recording, scene.posture)
     recorded = _kind(recording, measured)
     if recorded == "cut off":
         tell(f"is cut off: it contains {len(measured.steps)} of {row.steps} control steps", NO_BIOMECHANICS)

@@ -25,7 +25,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
     return find_for_session(
         store.policy_source(environment, policy),
         environment,
-        design.settings,
+        design.settings_of(policy),
         allow_other_settings=design.allow_other_settings,
     )
 
@@ -67,7 +67,8 @@ def check_starts(store: Store) -> Iterator[Finding]:
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
         if environment in ENVIRONMENTS:
-            yield from _check_environment(environment, store.design.settings)
+            for settings in {store.design.settings_of(name): None for name in ("", *store.design.conditions)}:
+                yield from _check_environment(environment, settings)
 
 
 def _check_environment(environment: str, settings: Settings) -> Iterator[Finding]:

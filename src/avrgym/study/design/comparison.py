@@ -12,7 +12,6 @@ from avrgym.study.design.design import SITE_FIELDS, Design
 from avrgym.study.design.languages import participant_sentences
 from avrgym.system.toml_lines import Place
 from avrgym.system.type_guards import is_array, is_table
-from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
 NOT_COMPARED = (*SITE_FIELDS, "reporting")
@@ -67,7 +66,7 @@ def comparable_values(design: Design) -> dict[str, Any]:
     value.
     """
     values = design_to_dict(design)
-    values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
+    values["goals"] = {task: design.goal_of(task) for task in design.tasks}
     values["stop_rules"] = _stop_rules(values["stop_rules"])
     _name(values, "inclusion", "id")
     for questionnaire in values["questionnaires"]:

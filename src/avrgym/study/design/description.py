@@ -2,12 +2,11 @@
 
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
-from avrgym.tasks.registry import TASKS
 
 
 def describe_procedure(design: Design) -> str:
     """Sentences about the procedure of a trial."""
-    goals = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
+    goals = " ".join(design.goal_of(task) for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
         f"{goals} Each trial lasts {design.trial_steps / design.settings.control_hz:g} s.{_settings(design)}"

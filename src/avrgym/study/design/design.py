@@ -9,7 +9,12 @@ from typing import Annotated, Any
 
 import msgspec
 
-from avrgym.commands.preferences import CommandRules, Preferences, Thresholds, apply_preferences
+from avrgym.commands.preferences import (
+    CommandRules,
+    Preferences,
+    Thresholds,
+    apply_preferences,
+)
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_moment
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
@@ -32,8 +37,8 @@ from avrgym.study.design.validation import (
 from avrgym.system import random_streams
 from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import DEFAULTS, PERSON_SETTINGS, Settings
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene, task_goal
+from avrgym.tasks.settings import DEFAULTS, PERSON_SETTINGS, Settings, as_settings
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 from avrgym.vr.session.headset_time import NO_RULES, SessionRules
 
@@ -71,6 +76,15 @@ class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     url: str = ""
 
 
+class Condition(CommandRules, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """The rules of a condition, and settings of its scenes.
+
+    ``settings`` replace those of the design. Without them, the settings of the design apply.
+    """
+
+    settings: Settings = DEFAULTS
+
+
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Facts for publications, which recordings do not contain. An unknown fact is an empty text."""
 
@@ -101,7 +115,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
     ``conditions``: a name in ``policies`` may be a condition of this table: a policy with commands of the participant.
-    ``settings``: settings of all environments. ``allow_other_settings``: also use policies trained with others.
+    ``settings``: settings of all environments; a condition may have others. ``allow_other_settings``: also use
+    policies trained with others.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -132,7 +147,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     furniture: RealFurniture = RealFurniture()
     settings: Settings = DEFAULTS
     sessions: SessionRules = NO_RULES
-    conditions: Mapping[str, CommandRules] = {}
+    conditions: Mapping[str, Condition] = {}
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
@@ -146,6 +161,16 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def policy_of(self, name: str) -> str:
         """The policy of a condition; for another name, the name itself."""
         return self.conditions[name].policy if name in self.conditions else name
+
+    def settings_of(self, name: str) -> Settings:
+        """The settings of a condition or policy."""
+        if name not in self.conditions:
+            return self.settings
+        return as_settings(self.settings.changed | self.conditions[name].settings.changed)
+
+    def goal_of(self, task: str, name: str = "") -> str:
+        """The instruction to participants in a task; ``name`` is the condition or policy."""
+        return self.goals.get(task) or task_goal(task, self.settings_of(name))
 
     @property
     def items(self) -> dict[str, Item]:
@@ -228,15 +253,7 @@ def _check(design: Design, folder: Path) -> None:
                     ("robots", index),
                     f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
                 )
-            drawn = [name for name in PERSON_SETTINGS if name in design.settings.changed]
-            if drawn:
-                raise ValidationError(
-                    ("settings", drawn[0]), "participants have their own bodies; allowed: no such setting"
-                )
-            try:
-                task_and_scene(environment_id(task, robot), design.settings)
-            except ValueError as error:
-                raise ValidationError(("settings",), str(error)) from error
+            _check_settings(environment_id(task, robot), design)
     for task in design.goals:
         check_known(("goals", task), task, TASKS)
     check_unique(("policies",), design.policies)
@@ -261,9 +278,30 @@ def _check(design: Design, folder: Path) -> None:
     check_languages(design, folder)
 
 
+def _check_settings(environment: str, design: Design) -> None:
+    """Raise ``ValidationError`` for settings that are not possible in an environment."""
+    for name in ("", *design.conditions):
+        place = ("conditions", name, "settings") if name else ("settings",)
+        settings = design.settings_of(name)
+        drawn = [each for each in PERSON_SETTINGS if each in settings.changed]
+        if drawn:
+            raise ValidationError(
+                (*place, drawn[0]), "participants have their own bodies; allowed: no such setting"
+            )
+        try:
+            task_and_scene(environment, settings)
+        except ValueError as error:
+            raise ValidationError(place, str(error)) from error
+
+
 def _check_conditions(design: Design) -> None:
     for name, rules in design.conditions.items():
         place = ("conditions", name)
+        if "control_hz" in rules.settings.changed:
+            raise ValidationError(
+                (*place, "settings", "control_hz"),
+                "the trials of all conditions have the same rate; allowed: control_hz in [settings]",
+            )
         check_known(place, name, (*design.policies, design.practice_policy))
         check_pattern((*place, "policy"), rules.policy, _POLICY, "the name of a policy")
         if rules.policy in design.conditions:
@@ -313,7 +351,8 @@ _TABLES: Tables = {
     ("furniture",): RealFurniture,
     ("settings",): Settings,
     ("sessions",): SessionRules,
-    ("conditions",): CommandRules,
+    ("conditions",): Condition,
+    ("conditions", "settings"): Settings,
     ("conditions", "defaults"): Preferences,
     ("conditions", "thresholds"): Thresholds,
     ("streams",): StreamChoice,

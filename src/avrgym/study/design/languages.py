@@ -10,7 +10,6 @@ from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
 from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
 from avrgym.study.design.validation import ValidationError, check_unique
-from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, read_texts
 
 if TYPE_CHECKING:
@@ -67,7 +66,9 @@ def _design_sentences(design: Design) -> Iterator[str]:
 
 def _included_sentences(design: Design) -> Iterator[str]:
     """The sentences of AVR Gym that the design uses."""
-    yield from (TASKS[task].goal for task in design.tasks if not design.goals.get(task))
+    for task in design.tasks:
+        if not design.goals.get(task):
+            yield from {design.goal_of(task, name) for name in ("", *design.conditions)}
     if design.ask_functioning:
         yield from functioning.sentences()
     for questionnaire in design.questionnaires:

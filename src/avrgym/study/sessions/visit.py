@@ -324,6 +324,7 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
         goal=texts.translate(store.design.goals.get(find_environment(trial.environment)[0], "")),
         items=translate(store.design.items_at("after_trial", trial.seed), texts),
         earlier_attempts=attempts,
+        settings=store.design.settings_of(trial.policy),
     )
 
 

@@ -16,7 +16,6 @@ from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, T
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
 
 Translate = Callable[[str], str]
@@ -39,14 +38,15 @@ def design_as_recorded(
         "force_guard": configuration.force_guard,
         "withdraw_after_success": configuration.withdraw_after_success,
         "furniture": configuration.furniture,
-        "settings": configuration.settings,
     }
+    if configuration.settings != design.settings_of(trial.policy):
+        changes["settings"] = configuration.settings
     if configuration.free_movement_s is not None:
         changes["free_movement_s"] = configuration.free_movement_s
     if configuration.stop_rules is not None:
         changes["stop_rules"] = configuration.stop_rules
     task = trial.task
-    expected = design.goals.get(task) or TASKS[task].goal
+    expected = design.goal_of(task, trial.policy)
     if configuration.goal not in (expected, translate(expected)):
         changes["goals"] = {**design.goals, task: configuration.goal}
     if not trial.practice:

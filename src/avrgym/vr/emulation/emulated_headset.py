@@ -250,7 +250,9 @@ class BrowserClient:
         if found != self._phase:
             self._phase, self._phase_began, self._changed_s = found, now_s, now_s
             self._asked = ""
-            self._participant.adopt_posture(self._session.plan.trials[max(found[1] - 1, 0)].environment)
+            plan = self._session.plan
+            trial = plan.trials[max(found[1] - 1, 0)]
+            self._participant.adopt_posture(trial.environment, plan.settings_of(trial))
             self._log(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:

@@ -55,7 +55,8 @@ class InProcessClient:
         tick = 0
         while session.phase != "finished":
             self._now_s = tick * TICK_S
-            self._participant.adopt_posture(session.plan.trials[max(self._trial - 1, 0)].environment)
+            trial = session.plan.trials[max(self._trial - 1, 0)]
+            self._participant.adopt_posture(trial.environment, session.plan.settings_of(trial))
             if tick % TRACKING_EVERY_TICKS == 0:
                 frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
                 session.receive(frame, self._now_s)

@@ -30,6 +30,7 @@ from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
 from avrgym.tasks.human_view import HumanView, PersonInputs
 from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.vr.emulation.simulated_commands import (
     CommandTraits,
     SimulatedCommands,
@@ -181,20 +182,20 @@ class SimulatedParticipant:
         self._moved_s: float | None = None
         self._moving = self._watching = False
         self._bodies: list[str] = []
-        self._environment = ""
+        self._environment = "", DEFAULTS
         self._offered: cooperation.OfferedPart = "mouth"
         self._rest(SEATED, SEATED_RAD)
 
-    def adopt_posture(self, environment_id: str) -> None:
-        """Sit or lie as in an environment. Does nothing if the participant already does.
+    def adopt_posture(self, environment_id: str, settings: Settings = DEFAULTS) -> None:
+        """Sit or lie as in an environment with these settings. Does nothing if the participant already does.
 
         Raises:
             ValueError: for an unknown environment. The message lists the ids.
         """
-        if environment_id == self._environment:
+        if (environment_id, settings) == self._environment:
             return
-        task, scene = task_and_scene(environment_id)
-        self._environment, self._offered = environment_id, task.offered
+        task, scene = task_and_scene(environment_id, settings)
+        self._environment, self._offered = (environment_id, settings), task.offered
         self._view = HumanView(task.offered, task.observation(scene))
         self._rest(scene.posture, task.pose.rest_rad)
 

@@ -98,6 +98,11 @@ class LiveWorld:
         return self._episodes.task
 
     @property
+    def settings(self) -> Settings:
+        """The settings of the scene."""
+        return self._episodes.settings
+
+    @property
     def time_s(self) -> float:
         """Simulated time since the creation of the world; it never decreases."""
         return self.ticks * TICK_S

@@ -278,7 +278,7 @@ def configuration(
         proxy_consent=plan.proxy_consent,
         respondent=plan.respondent,
         input_profile=input_profile,
-        settings=plan.settings,
+        settings=plan.settings_of(trial),
         rules=trial.rules,
         furniture=plan.furniture,
         reward_weights=dict(world.task.weights),

@@ -13,7 +13,7 @@ from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import find_environment, task_goal
 from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.texts.interface_texts import ENGLISH, Texts
 from avrgym.vr.session.headset_time import NO_RULES, SessionRules
@@ -25,7 +25,8 @@ class TrialPlan:
 
     ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
     questionnaire; default: the session's questionnaire. ``earlier_attempts`` is the number of attempts in other
-    sessions. ``rules`` are the participant's commands and preferences in this trial.
+    sessions. ``rules`` are the participant's commands and preferences in this trial. ``settings`` are those of its
+    scene; default: the session's.
     """
 
     environment: str
@@ -36,6 +37,7 @@ class TrialPlan:
     items: Sequence[Item] | None = None
     earlier_attempts: int = 0
     rules: AppliedRules | None = None
+    settings: Settings | None = None
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,12 @@ class SessionPlan:
 
     def goal_of(self, trial: TrialPlan) -> str:
         """Returns the description of the task for the participant."""
-        return trial.goal or self.texts.translate(TASKS[find_environment(trial.environment)[0]].goal)
+        task, _ = find_environment(trial.environment)
+        return trial.goal or self.texts.translate(task_goal(task, self.settings_of(trial)))
+
+    def settings_of(self, trial: TrialPlan) -> Settings:
+        """Returns the settings of a trial's scene."""
+        return self.settings if trial.settings is None else trial.settings
 
     def items_after(self, trial: TrialPlan) -> Sequence[Item]:
         """Returns the items of the questionnaire after a trial, in order."""
@@ -149,7 +156,9 @@ def load_policies(plan: SessionPlan) -> Policies:
     """
     return {
         (environment, policy): find_for_session(
-            policy, environment, plan.settings, allow_other_settings=plan.allow_other_settings
+            policy, environment, settings, allow_other_settings=plan.allow_other_settings
         )
-        for environment, policy in {(trial.environment, trial.policy) for trial in plan.trials}
+        for environment, policy, settings in {
+            (trial.environment, trial.policy, plan.settings_of(trial)) for trial in plan.trials
+        }
     }

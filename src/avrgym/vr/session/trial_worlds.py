@@ -4,8 +4,8 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 from avrgym.models.human import Person
-from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.settings import Settings
+from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.settings import DEFAULTS, Settings
 from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.plan import SessionPlan
@@ -33,9 +33,9 @@ class TrialWorlds:
         self._preparation = Preparation(workers)
         self._fresh_for: TrialKey | None = None
         self._shown: int | None = None
-        environment = plan.trials[trial].environment
-        self.number = self._number(environment, person)
-        self.world = LiveWorld(environment, resting_person(environment, person), plan.settings)
+        environment, settings = plan.trials[trial].environment, plan.settings_of(plan.trials[trial])
+        self.number = self._number(environment, settings, person)
+        self.world = LiveWorld(environment, resting_person(environment, person, settings), settings)
 
     @property
     def url(self) -> str:
@@ -53,21 +53,24 @@ class TrialWorlds:
     def prepare(self, trial: int, person: Person) -> None:
         """Start to build a trial's world, if it does not exist and is not in preparation.
 
-        In the same environment, the new person has the current pose; in another one, the rest pose of its task.
+        In the same environment with the same settings, the new person has the current pose; in another one, the rest
+        pose of its task.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.key):
             return
         plan, now = self._plan.trials[trial], self.world
-        if plan.environment == now.environment_id:
+        settings = self._plan.settings_of(plan)
+        if (plan.environment, settings) == (now.environment_id, now.settings):
             start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
-            start_person = resting_person(plan.environment, person)
-        self._preparation.request(key, plan.environment, start_person, self._plan.settings, plan.seed)
+            start_person = resting_person(plan.environment, person, settings)
+        self._preparation.request(key, plan.environment, start_person, settings, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene; ``None`` if it is the current scene."""
-        number = self._number(self._plan.trials[trial].environment, person)
+        plan = self._plan.trials[trial]
+        number = self._number(plan.environment, self._plan.settings_of(plan), person)
         return None if number == self.number else scene_url(number)
 
     @property
@@ -78,7 +81,7 @@ class TrialWorlds:
     def switch(self) -> None:
         """Replace the current world by the prepared one. Raises the error of its preparation, if any."""
         key, world = self._preparation.key, self._preparation.take()
-        self.number = self._number(world.environment_id, world.person)
+        self.number = self._number(world.environment_id, world.settings, world.person)
         self.world, self._fresh_for = world, key
 
     def client_connected(self) -> None:
@@ -95,21 +98,20 @@ class TrialWorlds:
         """Whether the client shows the current world's scene."""
         return self._shown == self.number
 
-    def _number(self, environment: str, person: Person) -> int:
+    def _number(self, environment: str, settings: Settings, person: Person) -> int:
         """Returns the number of an environment's scene with this person. Adds the scene if it does not exist."""
-        settings = self._plan.settings
         for number, (known, body, applied) in enumerate(self.scenes):
             same = (known, applied) == (environment, settings)
             if same and BodyKey.from_person(body) == BodyKey.from_person(person):
                 return number
-        self.scenes.append((environment, resting_person(environment, person), settings))
+        self.scenes.append((environment, resting_person(environment, person, settings), settings))
         return len(self.scenes) - 1
 
 
-def resting_person(environment: str, person: Person) -> Person:
+def resting_person(environment: str, person: Person, settings: Settings = DEFAULTS) -> Person:
     """Returns the person in the rest pose of an environment's task."""
-    task, _ = find_environment(environment)
-    return replace(person, joint_angles_rad=TASKS[task].pose.rest_rad)
+    task, _ = task_and_scene(environment, settings)
+    return replace(person, joint_angles_rad=task.pose.rest_rad)
 
 
 def _key(trial: int, person: Person) -> TrialKey:
