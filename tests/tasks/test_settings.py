@@ -69,7 +69,7 @@ def test_settings_survive_storage(name: str) -> None:
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_setting_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name}|unknown robot 'R2D2'"):
+    with pytest.raises(ValueError, match=f"{name}|unknown size of spoon|unknown robot 'R2D2'"):
         task_and_scene(FEEDING, as_settings({name: IMPOSSIBLE[name]}))
 
 

@@ -15,7 +15,7 @@ from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import Settings
+from avrgym.tasks.settings import Settings, as_settings
 from avrgym.tasks.task_in_frame import state_in_frame
 
 OTHER = {"left": "right", "right": "left"}
@@ -52,7 +52,9 @@ def test_a_mirrored_chain_is_the_mirror_image_of_the_arm(environment: str) -> No
     _, scene = task_and_scene(environment, on_other_arm(environment))
     real, mirrored = placement.arm_chain(scene), placement.arm_chain(scene.in_task_frame)
     positions = scene.arm.seed_pose + np.random.default_rng(0).uniform(-0.1, 0.1, (5, len(scene.arm.joints)))
-    (pos, q), (other_pos, other_q) = (kinematics.forward(chain, positions) for chain in (real, mirrored))
+    (pos, q), (other_pos, other_q) = (
+        kinematics.forward_kinematics(chain, positions) for chain in (real, mirrored)
+    )
     np.testing.assert_allclose(other_pos, pos * [1.0, -1.0, 1.0], atol=1e-9)
     x, other_x = (transforms.rotate(each, [1.0, 0.0, 0.0]) for each in (q, other_q))
     np.testing.assert_allclose(other_x, x * [1.0, -1.0, 1.0], atol=1e-9)
@@ -91,7 +93,7 @@ def test_the_person_rises_with_the_furniture(
     environment: str, name: str, value: float, rise_m: float
 ) -> None:
     """Only the person and the things on seat or bed rise; the task sees the person at the usual height."""
-    default, raised = begun(environment, Settings()), begun(environment, Settings(**{name: value}))
+    default, raised = begun(environment, Settings()), begun(environment, as_settings({name: value}))
     head_w, raised_w = (each.simulation.state().head_pos_w for each in (default, raised))
     if (default.start_draws == raised.start_draws).all():
         np.testing.assert_allclose(raised_w - head_w, [[0.0, 0.0, rise_m]] * 2, atol=1e-9)

@@ -8,7 +8,7 @@ from typing import Any
 
 from avrgym.models.furniture.bed import MATTRESS_TOP_M
 from avrgym.models.furniture.wheelchair import SEAT_HEIGHT_M
-from avrgym.models.robot import SIDES, Arm, Furniture, Mount, Robot, standing_robot
+from avrgym.models.robot import SIDES, Arm, Furniture, Mount, Robot, robot_as_furniture
 from avrgym.models.scene import SceneConfig
 from avrgym.models.task_frame import TaskFrame
 from avrgym.robots.registry import find_robot
@@ -39,7 +39,7 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
     ]
     for number, (name, x, y, yaw_deg) in enumerate(settings.standing_by):
         furniture.append(
-            standing_robot(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
+            robot_as_furniture(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
         )
     changed = replace(
         scene,

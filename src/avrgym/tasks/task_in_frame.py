@@ -13,7 +13,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like
-from avrgym.models.body_names import Part
+from avrgym.models.body_names import BodyPart
 from avrgym.models.human import People
 from avrgym.models.scene import SceneConfig
 from avrgym.models.task_frame import OPPOSITE_GEOMS, TaskFrame, X, Y, opposite
@@ -34,7 +34,7 @@ from avrgym.tasks.task import (
     Views,
 )
 
-_OTHER_SIDE: dict[Part, Part] = {"right": "left", "left": "right"}
+_OTHER_SIDE: dict[BodyPart, BodyPart] = {"right": "left", "left": "right"}
 _OTHER_PART: dict[OfferedPart, OfferedPart] = {"arm": "left_arm", "left_arm": "arm"}
 _POINTS = (
     "robot_pos_w", "tool_pos_w", "pad_pos_w", "head_pos_w", "mouth_pos_w", "particle_pos_w", "cloth_pos_w",
