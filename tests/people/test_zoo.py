@@ -41,9 +41,10 @@ def rows(zoo: str, style: str) -> np.ndarray:
 
 
 def reset_episodes(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
-    people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), partners)
+    parameters = PARTNER_PARAMETERS.of(partners)
+    people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), parameters)
     return people, partner_behaviour.initial_state(
-        people, partners, np.broadcast_to(uniforms, (len(partners), 4))
+        people, parameters, np.broadcast_to(uniforms, (len(partners), 4))
     )
 
 
@@ -81,7 +82,7 @@ def stepped(
     kept, shown = {name: getattr(mind, name) for name in PartnerState.__dataclass_fields__}, np.empty(0)
     for _ in range(steps):
         now = PartnerState(**{**kept, "targets_rad": moved.angles_rad})
-        now, goals = partner_behaviour.choose_goals(now, sight(offset, len(now.partner)), offered, SEATED)
+        now, goals = partner_behaviour.choose_goals(now, sight(offset, len(now.time_s)), offered, SEATED)
         moved = motor.set_goal(moved, possible_for(people)(goals), partner_behaviour.are_startled(now))
         for _ in range(9):
             moved = motor.advance(moved)
@@ -118,7 +119,7 @@ def test_the_held_out_zoo_has_at_least_625_partners():
     assert len(np.unique(traits, axis=0)) == len(PARTNERS)
 
 
-@pytest.mark.parametrize("trait", PARAMETER_NAMES)
+@pytest.mark.parametrize("trait", [trait for trait in PARAMETER_NAMES if trait != "tremor_hz"])
 def test_training_and_held_out_parameters_differ(trait):
     values = {zoo: set[float]() for zoo in ZOOS}
     for row, partner in enumerate(PARTNERS):
@@ -160,7 +161,7 @@ def test_style_parameters_stay_within_their_ranges():
 
 
 def test_styles_and_their_partners_are_equally_likely(rng):
-    partners = ZOOS["zoo/unseen"].draw(rng.random((60_000, 2)))
+    partners = ZOOS["zoo/unseen"].draw_rows(rng.random((60_000, 2)))
     styles = [PARTNERS[row].style for row in partners]
     assert {PARTNERS[row].zoo for row in partners} == {"zoo/unseen"}
     for style in STYLES:
@@ -173,7 +174,8 @@ def test_zoos_and_single_styles_have_names(name):
     found = distributions.find_distribution(name, TASKS)
     assert found.moving
     assert found.partners is not None
-    assert name.startswith(found.partners.zoo)
+    (row, *_) = found.partners.draw_rows(np.full((1, 2), 0.5)).tolist()
+    assert name.startswith(PARTNERS[row].zoo)
 
 
 @pytest.mark.parametrize("name", ["zoo", "zoo/test", "zoo/train/", "zoo/train/nope", "zoo/unseen/train"])
@@ -306,7 +308,7 @@ def test_restless_partners_shift_every_few_seconds():
 
 def test_styles_set_bodies_and_impairments_add_to_them(rng):
     people = distributions.repeat_person(Person("woman", 0.54), len(ALL))
-    body, manner = apply_partner_bodies(people, ALL), PARTNER_PARAMETERS
+    body, manner = apply_partner_bodies(people, PARTNER_PARAMETERS), PARTNER_PARAMETERS
     assert_allclose(body.strength_share, manner.strength_share)
     assert_allclose(np.degrees(body.tremor_rad[:, HEAD_X]), manner.tremor_deg)
     uniforms = rng.random((len(ALL), impairments.NUM_UNIFORMS))

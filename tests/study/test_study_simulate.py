@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.people.zoo.partners import PARTNERS
+from avrgym.people.zoo.partners import PARTNER_PARAMETERS, PARTNERS
 from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.summary import summarise_study
@@ -174,7 +174,8 @@ def test_zoo_partners_take_part(tmp_path: Path) -> None:
         (person,) = store.participants()
         traits = draw_participant_traits(person, find_dry_run(SEED, "zoo/unseen", "limits"))
         assert traits.partner is not None
-        assert PARTNERS[traits.partner].zoo == "zoo/unseen"
+        zoo = [row for row, partner in enumerate(PARTNERS) if partner.zoo == "zoo/unseen"]
+        assert (PARTNER_PARAMETERS.of(zoo).table() == traits.partner.table()).all(axis=1).any()
         assert 0.25 <= traits.range_share < 1.0
     refused = study("simulate", folder, *asked)
     assert refused.exit_code == 1

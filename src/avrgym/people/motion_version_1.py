@@ -23,7 +23,7 @@ from avrgym.people.motor import (
 )
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
-from avrgym.people.zoo.partners import PARTNER_PARAMETERS
+from avrgym.people.zoo.partners import BehaviourParameters
 
 PARTICIPANTS_SPEED_RAD_S = np.array(
     [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
@@ -87,7 +87,7 @@ def _sway_rad(state: CooperationState) -> FloatArray:
 
 def _oscillation_rad(state: PartnerState) -> FloatArray:
     """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
-    xp, parameters = namespace(state.targets_rad), PARTNER_PARAMETERS.of(state.partner, state.time_s)
+    xp, parameters = namespace(state.targets_rad), BehaviourParameters.from_table(state.parameters)
     wave = xp.zeros_like(state.targets_rad)
     phase = 2.0 * np.pi * state.uniforms[:, :2].T
     angle = 2.0 * np.pi * parameters.sway_hz * state.time_s
@@ -107,7 +107,7 @@ def _onset_share(state: PartnerState) -> FloatArray:
 def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
     """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
     there."""
-    xp, parameters = namespace(desired), PARTNER_PARAMETERS.of(state.partner, state.time_s)
+    xp, parameters = namespace(desired), BehaviourParameters.from_table(state.parameters)
     startled = (state.since_startle_s <= parameters.startle_s)[:, None]
     pace = parameters.speed_share[:, None]
     most = constant_like(SPEED_RAD_S, desired) * xp.where(startled, STARTLE_SPEED_FACTOR, pace)

@@ -27,7 +27,7 @@ Added to the movements are:
 - physiological tremor of 8 to 12 Hz. Accelerations of outstretched hands peak at 0.0015 to 0.035 g, most often at 0.01
   g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g; the joint's
   servo passes 30 % of it. The head turns by the same angle: our assumption;
-- tremor of people with this impairment, at 5 Hz as in Assistive Gym, whose targets alternate every 0.1 s.
+- tremor of people with this impairment, by default at 5 Hz as in Assistive Gym, whose targets alternate every 0.1 s.
 """
 
 import math
@@ -160,7 +160,11 @@ def rhythms_of(
 
 
 def initial_state(
-    people: People, rhythms: Rhythms | None, pace: FloatArray, noise_uniforms: FloatArray
+    people: People,
+    rhythms: Rhythms | None,
+    pace: FloatArray,
+    noise_uniforms: FloatArray,
+    tremor_hz: FloatArray | float = TREMOR_HZ,
 ) -> MotorState:
     """Returns the initial state of people at rest in their pose.
 
@@ -169,10 +173,11 @@ def initial_state(
         rhythms: their rhythms; ``None``: people without rhythmic motion except for the tremor of ``people``.
         pace: speed and acceleration relative to the limits (N,).
         noise_uniforms: uniform numbers (N, 3) that choose the noise.
+        tremor_hz: frequency of the tremor of ``people`` (N,).
     """
     angles = people.joint_angles_rad
     xp, none, nothing = namespace(angles), 0.0 * pace, 0.0 * angles
-    waves = [(people.tremor_rad + nothing, none + TREMOR_HZ, none)]
+    waves = [(people.tremor_rad + nothing, none + tremor_hz, none)]
     if rhythms is not None:
         forwards, sideways, nodding = nothing + 0.0, nothing + 0.0, nothing + 0.0
         forwards[:, _WAIST_X] = sideways[:, _WAIST_Y] = rhythms.sway_rad

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, float_copy, namespace, row_indices
 from avrgym.models.human import JOINT_INDEX, People, Posture
@@ -25,7 +25,7 @@ from avrgym.people.cooperation import (
     PersonObservation,
 )
 from avrgym.people.motor import GOLDEN_RATIO_FRACTION, SPEED_RAD_S, MotorState
-from avrgym.people.zoo.partners import PARTNER_PARAMETERS, BehaviourParameters
+from avrgym.people.zoo.partners import BehaviourParameters
 
 JointLimiter = Callable[[FloatArray], FloatArray]
 """Function that clips joint angles (N, 20) of N people to their joint ranges."""
@@ -45,7 +45,7 @@ class PartnerState:
     """State of the behaviour model for N partners.
 
     Attributes:
-        partner: row of each partner in ``PARTNER_PARAMETERS`` (N,).
+        parameters: table (N, 23) of ``BehaviourParameters``.
         uniforms: random numbers of each person, 0 to 1 (N, 4).
         tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
@@ -57,7 +57,7 @@ class PartnerState:
         startle_count: number of startles (N,).
     """
 
-    partner: IntArray
+    parameters: FloatArray
     uniforms: FloatArray
     tool_history_w: FloatArray
     rest_rad: FloatArray
@@ -79,13 +79,13 @@ class _ToolPercept(NamedTuple):
     side: FloatArray
 
 
-def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> PartnerState:
-    """Returns the initial state of n partners with the bodies of ``people``. ``uniforms`` (n, 4) are random numbers;
-    with them, partners with equal parameters differ."""
+def initial_state(people: People, parameters: BehaviourParameters, uniforms: FloatArray) -> PartnerState:
+    """Returns the initial state of n partners with the bodies of ``people`` and these ``parameters``, arrays (n,).
+    ``uniforms`` (n, 4) are random numbers; with them, partners with equal parameters differ."""
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
-        partner=partners,
+        parameters=parameters.table(),
         uniforms=uniforms,
         tool_history_w=xp.zeros(
             (len(uniforms), REMEMBERED_STEPS, 3), dtype=uniforms.dtype, device=uniforms.device
@@ -105,7 +105,7 @@ def choose_goals(
 ) -> tuple[PartnerState, FloatArray]:
     """Returns the next state, in which the tool is observed, and the joint angles (N, 20) that partners want, before
     limits of range and speed."""
-    parameters = PARTNER_PARAMETERS.of(state.partner, state.time_s)
+    parameters = BehaviourParameters.from_table(state.parameters)
     history = namespace(state.tool_history_w).concat(
         [observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1
     )
@@ -117,12 +117,12 @@ def choose_goals(
 
 def are_startled(state: PartnerState) -> BoolArray:
     """Returns a mask (N,) of the partners who start."""
-    return state.since_startle_s <= PARTNER_PARAMETERS.of(state.partner, state.time_s).startle_s
+    return state.since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_s
 
 
 def motor_state(state: PartnerState, people: People) -> MotorState:
     """Returns the initial state of the motor model."""
-    parameters, uniforms = PARTNER_PARAMETERS.of(state.partner, state.time_s), state.uniforms
+    parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.uniforms
     further = motor.low_digits(uniforms)
     rhythms = motor.rhythms_of(
         RAD_PER_DEGREE * parameters.sway_deg,
@@ -132,7 +132,9 @@ def motor_state(state: PartnerState, people: People) -> MotorState:
         parameters.chew_hz,
         further[:, 2:],
     )
-    return motor.initial_state(people, rhythms, parameters.speed_share, further[:, :3])
+    return motor.initial_state(
+        people, rhythms, parameters.speed_share, further[:, :3], tremor_hz=parameters.tremor_hz
+    )
 
 
 def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:

@@ -1,11 +1,11 @@
 """Partners of the zoo: for each style, one partner per combination of levels on its axes.
 
-A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out populations are
+A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out populations are
 ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training values, and no
 value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster, smaller and larger.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like
+from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like, namespace
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_TARGET_RAD
+from avrgym.people.motor import TREMOR_HZ
 from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
 
@@ -54,7 +55,7 @@ class BehaviourParameters:
         shift_deg, shift_every_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
         speed_share: speed and acceleration relative to the limits of ``people.motor``.
-        tremor_deg: tremor amplitude of the head; that of the arms is half as large.
+        tremor_deg, tremor_hz: tremor amplitude of the head, and frequency. The amplitude of the arms is half as large.
         strength_share, range_share: joint torques and joint ranges, relative to the full ones.
     """
 
@@ -78,12 +79,23 @@ class BehaviourParameters:
     sway_hz: FloatArray
     speed_share: FloatArray
     tremor_deg: FloatArray
+    tremor_hz: FloatArray
     strength_share: FloatArray
     range_share: FloatArray
 
     def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
         """Returns the parameters of the partners ``rows``, as arrays of the same library and device as ``numbers``."""
         return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
+
+    @classmethod
+    def from_table(cls, table: FloatArray) -> "BehaviourParameters":
+        """Returns the parameters in a table (P, 23) with a column for each of ``PARAMETER_NAMES``."""
+        return cls(*(table[:, column] for column in range(len(PARAMETER_NAMES))))
+
+    def table(self) -> FloatArray:
+        """Returns the parameters as a table (P, 23) with a column for each of ``PARAMETER_NAMES``."""
+        arrays = list(vars(self).values())
+        return namespace(arrays[0]).stack(arrays, axis=-1)
 
 
 PARAMETER_NAMES = tuple(each.name for each in fields(BehaviourParameters))
@@ -93,6 +105,7 @@ _DEFAULTS: Mapping[str, float] = {
     "range_share": 1.0,
     "glance_every_s": 1.0,
     "shift_every_s": 1.0,
+    "tremor_hz": TREMOR_HZ,
 }
 
 
@@ -124,50 +137,65 @@ def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
 
 
 PARTNERS = _partners()
-_VALUES = [_style_values(STYLES[partner.style], partner.levels) for partner in PARTNERS]
-PARTNER_PARAMETERS = BehaviourParameters(
-    *(
-        np.array([values.get(trait, _DEFAULTS.get(trait, 0.0)) for values in _VALUES])
-        for trait in PARAMETER_NAMES
+
+
+def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
+    """Returns the parameters of partners from their values by name. Missing values are the defaults."""
+    return BehaviourParameters(
+        *(
+            np.array([each.get(trait, _DEFAULTS.get(trait, 0.0)) for each in values], float)
+            for trait in PARAMETER_NAMES
+        )
     )
-)
+
+
+PARTNER_PARAMETERS = parameters_of([_style_values(STYLES[each.style], each.levels) for each in PARTNERS])
 """Parameters of all ``PARTNERS``, in the same order."""
 
 
+@dataclass(frozen=True, eq=False)
 class PartnerSet:
-    """Partners to sample from: all partners of some styles of a zoo. A style is drawn first, then a partner of this
-    style."""
+    """Partners to sample from. A group is drawn first, then a partner of this group.
 
-    def __init__(self, zoo: str, styles: Collection[str]) -> None:
-        self.zoo, self.styles = zoo, tuple(styles)
-        places = [
-            [row for row, partner in enumerate(PARTNERS) if (partner.zoo, partner.style) == (zoo, style)]
-            for style in styles
-        ]
-        self._first = np.array([rows[0] for rows in places])
-        self._count = np.array([len(rows) for rows in places])
+    ``groups`` are the first partner and the number of partners of each group. In the zoo, a group is a style.
+    """
+
+    parameters: BehaviourParameters
+    groups: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
-        return int(self._count.sum())
+        return sum(count for _, count in self.groups)
 
-    def draw(self, uniforms: FloatArray) -> IntArray:
-        """Sample n partners from uniform numbers (n, 2). Returns their rows in ``PARTNER_PARAMETERS`` (n,)."""
-        first, count = constant_like(self._first, uniforms), constant_like(self._count, uniforms)
-        style = choose_index(uniforms[:, 0], len(self.styles))
-        return first[style] + choose_index(uniforms[:, 1], count[style])
+    def draw_rows(self, uniforms: FloatArray) -> IntArray:
+        """Sample n partners from uniform numbers (n, 2). Returns their rows in ``parameters`` (n,)."""
+        first, count = (constant_like(each, uniforms) for each in np.array(self.groups).T.copy())
+        group = choose_index(uniforms[:, 0], len(self.groups))
+        return first[group] + choose_index(uniforms[:, 1], count[group])
+
+    def draw(self, uniforms: FloatArray) -> BehaviourParameters:
+        """Sample n partners from uniform numbers (n, 2). Returns their parameters, arrays (n,)."""
+        return self.parameters.of(self.draw_rows(uniforms), uniforms)
 
 
-ZOOS: Mapping[str, PartnerSet] = {zoo: PartnerSet(zoo, STYLES) for zoo in LEVELS}
+def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
+    """Returns all partners of some styles of a zoo."""
+    places = [
+        [row for row, partner in enumerate(PARTNERS) if (partner.zoo, partner.style) == (zoo, style)]
+        for style in styles
+    ]
+    return PartnerSet(PARTNER_PARAMETERS, tuple((rows[0], len(rows)) for rows in places))
+
+
+ZOOS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in LEVELS}
 SINGLE_STYLE_SETS: Mapping[str, PartnerSet] = {
-    f"{zoo}/{style}": PartnerSet(zoo, [style]) for zoo in LEVELS for style in STYLES
+    f"{zoo}/{style}": _zoo_set(zoo, [style]) for zoo in LEVELS for style in STYLES
 }
 
 _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
 
 
-def apply_partner_bodies(people: People, partners: IntArray) -> People:
-    """Returns the people with the joint ranges, strength and tremor of the partners (n,)."""
-    parameters = PARTNER_PARAMETERS.of(partners, people.torso_height_m)
+def apply_partner_bodies(people: People, parameters: BehaviourParameters) -> People:
+    """Returns the people (n,) with the joint ranges, strength and tremor of partners (n,)."""
     share = constant_like(_TREMOR_SHARE, people.torso_height_m)
     tremor_rad = (RAD_PER_DEGREE * parameters.tremor_deg)[:, None] * share
     strong = replace(people, strength_share=parameters.strength_share, tremor_rad=tremor_rad)

@@ -156,6 +156,7 @@ PARAMETER_SOURCES: Mapping[str, str] = {
     "sway_hz": ASSUMPTION,
     "speed_share": ASSUMPTION,
     "tremor_deg": "Erickson et al. 2020",
+    "tremor_hz": "Erickson et al. 2020; fitted people: 4 to 12 Hz, Bhatia et al. 2018",
     "strength_share": "Erickson et al. 2020",
     "range_share": "Erickson et al. 2020",
 }

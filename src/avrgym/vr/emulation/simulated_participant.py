@@ -73,8 +73,8 @@ class Traits:
     ``sway_deg`` and ``sway_hz``: slow movement of the waist. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
     the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
     ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``commands``: how they give commands.
-    ``partner``: the index of a partner of the zoo, which replaces the behaviour. ``trained``: a policy, which
-    replaces the behaviour. The other fields are impairments, see ``People``; ``strength_share`` scales the movement.
+    ``partner``: behaviour parameters, arrays (1,), which replace the behaviour. ``trained``: a policy, which replaces
+    the behaviour. The other fields are impairments, see ``People``; ``strength_share`` scales the movement.
     ``signs``: those of a clinical impairment, for one person.
     """
 
@@ -88,7 +88,7 @@ class Traits:
     reaction_s: float
     leniency: float
     commands: CommandTraits = CommandTraits()  # noqa: RUF009
-    partner: int | None = None
+    partner: partners.BehaviourParameters | None = None
     trained: Policy | None = None
     range_share: float = 1.0
     strength_share: float = 1.0
@@ -133,8 +133,8 @@ def _with_body(
     """Returns the traits with the joint ranges, strength and tremor of a partner, if any, and of an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if distribution.partners is not None:
-        drawn = distribution.partners.draw(random.random((1, 2)))
-        body, partner = partners.apply_partner_bodies(body, drawn), int(drawn[0])
+        partner = distribution.partners.draw(random.random((1, 2)))
+        body = partners.apply_partner_bodies(body, partner)
     uniforms = random.random((1, impairments.NUM_UNIFORMS))
     body = impairments.apply_impairment(body, impairment, uniforms)
     return replace(
@@ -231,7 +231,7 @@ class SimulatedParticipant:
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._behaviour_state = partner_behaviour.initial_state(
-                self._people, np.array([self.traits.partner]), self._chance
+                self._people, self.traits.partner, self._chance
             )
         else:
             mind = cooperation.initial_state(self._people, np.full((1, cooperation.NUM_UNIFORMS), 0.5))
