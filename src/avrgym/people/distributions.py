@@ -20,7 +20,7 @@ from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.people.measured_bodies import sample_bodies
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ALLOWED_PEOPLE, ANTHROPOMETRIC, ORIGINAL, PARTICIPANTS, REVISED
-from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet, sample_fitted_partners
 
 if TYPE_CHECKING:
     from avrgym.people.people_file import PeopleFile
@@ -139,7 +139,8 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
 def distribution_of(people: "PeopleFile") -> Distribution:
     """Returns the distribution that a people file describes."""
     heights = people.torso_height_m
-    return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
+    partners = sample_fitted_partners(people.behaviour) if people.behaviour else None
+    return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses, partners)
 
 
 def sample_people(

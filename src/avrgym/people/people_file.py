@@ -1,20 +1,25 @@
 """People files: TOML written by ``avrgym fit-people``. They can be edited by hand.
 
-Joint ranges are in degrees. A joint without a range keeps the pose of the task.
+Joint ranges are in degrees. A joint without a range keeps the pose of the task. Files may also contain the behaviour of
+participants.
 """
 
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
+from avrgym.people.zoo.partners import ANY_VALUE, BOUNDS, PARAMETER_NAMES
 from avrgym.system.files import read_user_text
 from avrgym.system.type_guards import is_array, is_table
 
 Range = tuple[float, float]
+Estimate = tuple[float, float]
+"""Mean and standard deviation."""
 
 
 class PeopleFileError(ValueError):
@@ -51,12 +56,15 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         torso_height_m: ranges of torso height of men and women.
         poses: lowest and highest joint angle in degrees, by task and joint.
         source: the study; ``None`` for a file made by hand.
+        behaviour: for each participant, estimates of ``BehaviourParameters``. A sampled person behaves like one of the
+            participants. Without estimates, people behave as ``cooperating`` describes.
     """
 
     cooperating: bool
     torso_height_m: TorsoHeights
     poses: dict[str, dict[str, Range]] = {}
     source: Source | None = None
+    behaviour: tuple[dict[str, Estimate], ...] = ()
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
@@ -103,6 +111,19 @@ def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[str
                 continue
             limits = JOINTS[joint].lower_deg, JOINTS[joint].upper_deg
             yield from _range_mistakes(f"poses.{task}.{joint}", angles, limits, "degrees")
+    participants = values.get("behaviour")
+    for number, estimates in enumerate(participants if is_array(participants) else (), start=1):
+        for name, estimate in estimates.items() if is_table(estimates) else ():
+            yield from _estimate_mistakes(f"behaviour {number}: {name}", name, estimate)
+
+
+def _estimate_mistakes(place: str, name: str, found: Any) -> Iterator[str]:
+    if name not in PARAMETER_NAMES:
+        yield f"{place}: unknown parameter; allowed: {', '.join(PARAMETER_NAMES)}"
+        return
+    low, high = BOUNDS.get(name, ANY_VALUE)
+    if not (_are_numbers(found) and low <= found[0] <= high and 0.0 <= found[1] < inf):
+        yield f"{place} is {found}; allowed: [mean within {low:g} to {high:g}, standard deviation from 0]"
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -111,7 +132,11 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _range_mistakes(place: str, found: Any, limits: Range, unit: str) -> Iterator[str]:
-    numbers = is_array(found) and len(found) == 2 and all(isinstance(n, int | float) for n in found)
-    if not (numbers and limits[0] <= found[0] <= found[1] <= limits[1]):
+    if not (_are_numbers(found) and limits[0] <= found[0] <= found[1] <= limits[1]):
         low, high = limits
         yield f"{place} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"
+
+
+def _are_numbers(found: Any) -> bool:
+    """Whether a value is an array of two numbers."""
+    return is_array(found) and len(found) == 2 and all(isinstance(n, int | float) for n in found)

@@ -210,6 +210,11 @@ def sampled_arm_poses() -> Generator:
     return default_rng(0)
 
 
+def fitted_partners() -> Generator:
+    """Behaviour parameters of a fitted population."""
+    return default_rng(0)
+
+
 TRAINING_PEOPLE_SEED = 2020
 """Seed of the sampled training populations, and of the permutations in their comparison with participants."""
 

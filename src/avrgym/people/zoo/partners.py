@@ -1,13 +1,13 @@
 """Partners of the zoo: for each style, one partner per combination of levels on its axes.
 
-A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out populations are
-``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training values, and no
+A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out
+populations are ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training values, and no
 value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster, smaller and larger.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import cycle, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from avrgym.people.impairments import TREMOR_TARGET_RAD
 from avrgym.people.motor import TREMOR_HZ
 from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
+from avrgym.system import random_streams
 
 LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
@@ -31,10 +32,15 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.1, 0.95),
     "facing_share": (0.0, 1.0),
     "glance_share": (0.0, 0.9),
+    "glance_every_s": (0.1, np.inf),
+    "shift_every_s": (0.1, np.inf),
+    "speed_share": (0.1, np.inf),
+    "tremor_hz": (2.0, 12.0),
     "strength_share": (0.1, 1.0),
     "range_share": (0.2, 1.0),
 }
-"""Possible values of parameters. Values of ``zoo/extreme`` are clipped to them."""
+"""Possible values of parameters; of all others, 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
+ANY_VALUE = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -130,7 +136,7 @@ def _partners() -> tuple[Partner, ...]:
 def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style at levels on its axes."""
     return {
-        trait: float(np.clip(first + level * (last - first), *BOUNDS.get(trait, (0.0, np.inf))))
+        trait: float(np.clip(first + level * (last - first), *BOUNDS.get(trait, ANY_VALUE)))
         for axis, level in zip(style.axes, levels, strict=True)
         for trait, (first, last) in axis.items()
     }
@@ -175,6 +181,31 @@ class PartnerSet:
     def draw(self, uniforms: FloatArray) -> BehaviourParameters:
         """Sample n partners from uniform numbers (n, 2). Returns their parameters, arrays (n,)."""
         return self.parameters.of(self.draw_rows(uniforms), uniforms)
+
+
+FITTED_PARTNERS = 512
+"""Number of sampled partners of a fitted population."""
+
+
+def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]]) -> PartnerSet:
+    """Returns partners who are like n participants.
+
+    Args:
+        estimates: means and standard deviations of each participant's parameters. Each partner is like one participant,
+            with normally distributed parameters, clipped to ``BOUNDS``. Parameters without estimate are the defaults.
+    """
+    random = random_streams.fitted_partners()
+    normal = random.standard_normal((FITTED_PARTNERS, len(PARAMETER_NAMES)))
+    values = [
+        {
+            name: float(np.clip(mean + deviation * z, *BOUNDS.get(name, ANY_VALUE)))
+            for name, z in zip(PARAMETER_NAMES, row, strict=True)
+            if name in estimate
+            for mean, deviation in [estimate[name]]
+        }
+        for row, estimate in zip(normal.tolist(), cycle(estimates), strict=False)
+    ]
+    return PartnerSet(parameters_of(values), ((0, len(values)),))
 
 
 def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
