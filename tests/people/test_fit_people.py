@@ -345,6 +345,48 @@ def test_invalid_values_are_reported_with_their_key(old: str, new: str, words: s
         parse_people(GOOD.replace(old, new), "p.toml", TASKS)
 
 
+BEHAVIOUR = """
+[[behaviour]]
+reaction_s = [0.3, 0.02]
+tremor_hz = [6, 0.0]
+
+[[behaviour]]
+reaction_s = [0.7, 0.0]
+facing_share = [0.5, 0.1]
+"""
+
+
+def test_people_behave_like_the_participants_of_a_file(tmp_path: Path, rng: np.random.Generator) -> None:
+    own = tmp_path / "people.toml"
+    own.write_text(GOOD + BEHAVIOUR)
+    partners = distributions.find_distribution(str(own), TASKS).partners
+    assert partners is not None
+    drawn = partners.draw(rng.random((4000, 2)))
+    like_second = drawn.reaction_s == 0.7
+    assert like_second.mean() == pytest.approx(0.5, abs=0.05)
+    assert drawn.reaction_s[~like_second].mean() == pytest.approx(0.3, abs=0.005)
+    assert drawn.reaction_s[~like_second].std() == pytest.approx(0.02, abs=0.005)
+    assert (drawn.facing_share[like_second].std(), drawn.facing_share[~like_second].max()) == pytest.approx(
+        (0.1, 0.0), abs=0.02
+    )
+    assert set(drawn.tremor_hz) == {5.0, 6.0}
+    assert evaluate(f"avrgym/{TASK}Jaco-v1", "zero", str(own), 1, 0).people == str(own)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0.3, 0.02]", "[0.01, 0.02]", "p.toml: behaviour 1: reaction_s is .* within 0.1 to 0.95, standard"),
+        ("[0.5, 0.1]", "[0.5, -0.1]", "p.toml: behaviour 2: facing_share is .* standard deviation from 0"),
+        ("facing_share", "charm", "p.toml: behaviour 2: charm: unknown parameter; allowed: reaction_s, "),
+        ("[6, 0.0]", "6", "p.toml: behaviour 1: tremor_hz is 6"),
+    ],
+)
+def test_invalid_behaviour_is_reported_with_its_key(old: str, new: str, words: str) -> None:
+    with pytest.raises(PeopleFileError, match=words):
+        parse_people(GOOD + BEHAVIOUR.replace(old, new), "p.toml", TASKS)
+
+
 def test_commands_list_the_populations(tmp_path: Path) -> None:
     for command in ("evaluate", "train"):
         result = avrgym(command, f"avrgym/{TASK}Jaco-v1", "--people", "nobody.toml")

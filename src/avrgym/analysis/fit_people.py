@@ -1,7 +1,7 @@
 """Fit a training population to the participants of a study.
 
-The result is a TOML file (see ``people.people_file``): torso heights, poses in each task, and cooperation.
-For n participants with values from a to b, the range is:
+The result is a TOML file (see ``people.people_file``): torso heights, poses in each task, cooperation, and behaviour
+(see ``fit_behaviour``). For n participants with values from a to b, the range is:
 
     low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
@@ -19,6 +19,8 @@ import msgspec
 import numpy as np
 import tomlkit
 
+from avrgym.analysis.fit_behaviour import FittedBehaviour, fit_behaviour
+from avrgym.analysis.recorded_motion import RecordedMotion, read_motion
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.people_file import PeopleFile, Range, Source, TorsoHeights
@@ -53,6 +55,7 @@ class TrialPose:
 
     ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
     ``largest_motion_deg``: the largest motion (maximum − minimum) among the ``REACHING_JOINTS`` of the task.
+    ``motion``: ``None`` if the recording lacks the states of the world.
     """
 
     participant: str
@@ -62,13 +65,18 @@ class TrialPose:
     beginning_deg: FloatArray
     mean_deg: FloatArray
     largest_motion_deg: float
+    motion: RecordedMotion | None
 
 
 @dataclass(frozen=True)
 class FittedPeople:
-    """The fitted population, remarks about the fit, and error messages of omitted recordings (``left_out``)."""
+    """The fitted population, remarks about the fit, and error messages of omitted recordings (``left_out``).
+
+    ``behaviour`` is ``None`` if fewer than two participants have recordings with the states of the world.
+    """
 
     people: PeopleFile
+    behaviour: FittedBehaviour | None
     remarks: str
     left_out: tuple[str, ...]
 
@@ -100,7 +108,10 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
         )
     men = list(sexes.values()).count("man")
     source = Source(title, men, len(sexes) - men, len(trials), simulated)
-    return FittedPeople(_fitted(trials, source), _remarks(source), tuple(left_out))
+    motions = [trial.motion for trial in trials if trial.motion is not None]
+    behaviour = fit_behaviour(motions) if len({each.participant for each in motions}) > 1 else None
+    remarks = _remarks(source) + _behaviour_remarks(behaviour)
+    return FittedPeople(_fitted(trials, source, behaviour), behaviour, remarks, tuple(left_out))
 
 
 def write_people(fit: FittedPeople, out: Path) -> None:
@@ -168,7 +179,15 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
         beginning_deg=_mean(times_s, targets_deg, times_s[0] + START_DURATION_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),
         largest_motion_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
+        motion=_motion(attempt.participant.pseudonym, recording),
     )
+
+
+def _motion(participant: str, recording: Recording) -> RecordedMotion | None:
+    try:
+        return read_motion(participant, recording)
+    except ValueError:
+        return None
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
@@ -197,7 +216,7 @@ def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray
 # Fitting ------------------------------------------------------------------------------------------------------
 
 
-def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
+def _fitted(trials: Sequence[TrialPose], source: Source, behaviour: FittedBehaviour | None) -> PeopleFile:
     moving = bool(
         np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials))
         > MIN_VOLUNTARY_MOTION_DEG
@@ -208,6 +227,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
         torso_height_m=TorsoHeights(man=_heights(trials, "man"), woman=_heights(trials, "woman")),
         poses={task: pose for task, pose in poses.items() if pose},
         source=source,
+        behaviour=() if behaviour is None else behaviour.estimates(),
     )
 
 
@@ -263,6 +283,17 @@ def _remarks(source: Source) -> str:
                 f"Fewer than two participants have sex {sex!r}: the range of torso heights is that of all participants."
             )
     return "\n".join(lines)
+
+
+def _behaviour_remarks(behaviour: FittedBehaviour | None) -> str:
+    """Returns mean and standard deviation of the group for each behaviour parameter."""
+    if behaviour is None:
+        return "\nBehaviour is not fitted: it needs two participants whose recordings contain the world's states."
+    lines = [
+        f"{name}: {each.group_mean:.3g} ± {each.group_deviation:.2g}"
+        for name, each in behaviour.parameters.items()
+    ]
+    return "\n".join(["", "Behaviour, mean ± standard deviation of the group:", *lines])
 
 
 def _small_sample_text(count: int) -> str:

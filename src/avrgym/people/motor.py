@@ -74,7 +74,8 @@ def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray
 
 
 _FOLLOW = _follow_share(1.0, 1.0)
-_FOLLOW_STARTLED = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
+STARTLED_FOLLOW = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
+"""Share (20,) of the distance that joints of startled people cover in 10 ms, see ``_follow_share``."""
 _WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
 _PHYSIOLOGICAL = np.array(
     [1.0 if name in ("head_x", "right_elbow_x", "left_elbow_x") else 0.0 for name in JOINTS]
@@ -213,7 +214,7 @@ def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None
     factor, follow = state.pace, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
         factor = xp.where(startled, STARTLE_SPEED_FACTOR, factor)
-        follow = xp.where(startled[:, None], constant_like(_FOLLOW_STARTLED, goal_rad), follow)
+        follow = xp.where(startled[:, None], constant_like(STARTLED_FOLLOW, goal_rad), follow)
     varying = USUAL_SPEED_SHARE * (1.0 + NOISE_SHARE * _noise(state))
     return replace(
         state, goal_rad=goal_rad, reach_rad=PHYSICS_STEP_S * factor[:, None] * speed * varying, follow=follow

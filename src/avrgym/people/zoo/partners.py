@@ -1,8 +1,9 @@
 """Partners of the zoo: for each style, one partner per combination of levels on its axes.
 
 A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out
-populations are ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training values, and no
-value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster, smaller and larger.
+populations are ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training
+values, and no value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster,
+smaller and larger. Fitted populations have their own partners, see ``sample_fitted_partners``.
 """
 
 from collections.abc import Collection, Mapping, Sequence

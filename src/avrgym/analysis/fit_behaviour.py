@@ -1,0 +1,392 @@
+"""Fit the behaviour parameters of the zoo to recorded motion.
+
+For each participant, the parameters of movements are least-squares estimates: the behaviour model of the zoo and the
+motor model predict the motion from the recorded positions of the tool (Levenberg-Marquardt method, from the best point
+of a grid; all participants are computed together). The estimates of sway and tremor are those of each trial's
+periodogram, averaged over trials. Estimates are then shrunk to the group, see ``statistics.shrinkage``.
+
+Sampling variances come from differences between trials of the same participant, or between halves of a single trial,
+pooled over participants: the variances of the least-squares estimates are those of independent errors, multiplied by
+the ratio of the jackknife's variance to them (Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, 1982).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import signal
+
+from avrgym.analysis.recorded_motion import CHANNELS, ELBOW, HEAD_X, WAIST_X, WAIST_Y, RecordedMotion
+from avrgym.analysis.statistics.shrinkage import Shrunken, shrink
+from avrgym.array_types import FloatArray
+from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, People
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.people import motor
+from avrgym.people.motor import SPEED_RAD_S, STARTLE_SPEED_FACTOR, STARTLED_FOLLOW, USUAL_SPEED_SHARE
+from avrgym.people.zoo import partner_behaviour
+from avrgym.people.zoo.partners import ANY_VALUE, BOUNDS, parameters_of
+
+MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
+    "reaction_s": (0.35, 0.2),
+    "facing_share": (0.5, 0.3),
+    "approach_share": (0.7, 0.5),
+    "speed_share": (0.9, 0.4),
+    "startle_deg": (4.0, 8.0),
+    "startle_m": (0.2, 0.07),
+    "startle_s": (1.0, 0.5),
+}
+"""Parameters of movements, with means and standard deviations of weak priors. They cover the zoo. A parameter without
+information in a participant's trials, for example because the tool never came near, keeps the prior's variance."""
+RHYTHMS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
+FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMS)
+SWAY_HZ, TREMOR_HZ = (0.05, 0.6), (3.5, 12.0)
+"""Frequencies at which sway and tremor are searched. Tremor is that of 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
+2018)."""
+_GRID = [
+    {"reaction_s": reaction_s, "startle_deg": startle_deg, "startle_m": startle_m}
+    for reaction_s in (0.2, 0.35, 0.55, 0.8)
+    for startle_deg, startle_m in ((0.5, 0.2), (10.0, 0.14), (10.0, 0.2), (10.0, 0.26))
+]
+_NAMES = tuple(MOVEMENT_PRIORS)
+_STEPS = np.array([0.02, 0.02, 0.02, 0.02, 0.5, 0.01, 0.1])
+"""Steps of finite differences."""
+_MOVING = [JOINT_INDEX[name] for name in (*CHANNELS, "waist_z")]
+_SHOWN = slice(len(CHANNELS))
+SIDEWAYS_SWAY = 0.7
+"""Frequency of sway to the sides relative to that forwards and backwards, as in ``people.motor``."""
+_MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
+_LOW, _HIGH = np.array([BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
+_EVERY = SUBSTEPS // 2
+"""The least-squares method compares every fifth angle: 20 a second."""
+LAG_TICKS = 2
+"""Ticks of 10 ms from a motion to the joint targets that follow it."""
+ITERATIONS = 5
+"""Iterations of each of two passes: before and after the frequency of sway is known."""
+NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
+"""Initial and least standard deviation of the motion's deviations from the model."""
+
+
+@dataclass(frozen=True)
+class FittedBehaviour:
+    """Fitted behaviour parameters: posterior distributions by name, in the order of ``participants``."""
+
+    participants: tuple[str, ...]
+    parameters: Mapping[str, Shrunken]
+
+    def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
+        """Returns the posterior mean and standard deviation of each participant's parameters, within ``BOUNDS``."""
+        return tuple(
+            {
+                name: (
+                    round(float(np.clip(each.mean[row], *BOUNDS.get(name, ANY_VALUE))), 4),
+                    round(float(each.deviation[row]), 4),
+                )
+                for name, each in self.parameters.items()
+            }
+            for row in range(len(self.participants))
+        )
+
+
+def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
+    """Returns the behaviour of at least two participants, fitted to all their trials.
+
+    Parameters are omitted if the trials of fewer than two participants contain information about them.
+    """
+    fit = _Fit(motions)
+    fit.optimise()
+    rhythms = fit.rhythms()
+    fit.remove_sway(fit.means(rhythms)[:, RHYTHMS.index("sway_hz")])
+    fit.optimise()
+    variances = fit.variances()
+    informative = (variances < 0.5 * _DEVIATION**2).sum(axis=0) > 1
+    parameters = {
+        name: shrink(fit.values[:, column], variances[:, column])
+        for column, name in enumerate(_NAMES)
+        if informative[column]
+    }
+    rhythms = fit.rhythms()
+    means, errors = fit.means(rhythms), fit.squared_errors(rhythms)
+    for column, name in enumerate(RHYTHMS):
+        parameters[name] = shrink(means[:, column], errors[:, column])
+    return FittedBehaviour(fit.participants, parameters)
+
+
+class _Fit:
+    """Least-squares fit of n participants' parameters ``values`` (n, 7) to their trials.
+
+    ``_pieces`` are the parts of trials between which estimates are compared: number of the trial, and rows. They are
+    whole trials, or halves if the participant has only one.
+    """
+
+    def __init__(self, motions: Sequence[RecordedMotion]) -> None:
+        self.participants = tuple(dict.fromkeys(each.participant for each in motions))
+        self._motions = motions
+        self._owner = np.array([self.participants.index(each.participant) for each in motions])
+        self._measured = [_sampled(each) for each in motions]
+        self._pieces: list[tuple[int, slice]] = []
+        for number, owner in enumerate(self._owner):
+            length = len(self._measured[number])
+            single = int((self._owner == owner).sum()) == 1
+            bounds = [0, length // 2, length] if single else [0, length]
+            self._pieces += [(number, slice(*each)) for each in pairwise(bounds)]
+        self._piece_owner = self._owner[[number for number, _ in self._pieces]]
+        self._noise_rad = np.full((len(self.participants), len(CHANNELS)), NOISE_RAD)
+        self._bases = [_nuisance(len(each), None) for each in self._measured]
+        self.values = self._best_of_grid()
+
+    def _best_of_grid(self) -> FloatArray:
+        grid = np.tile(_MEAN, (len(_GRID), 1))
+        for point, chosen in zip(grid, _GRID, strict=True):
+            point[[_NAMES.index(name) for name in chosen]] = list(chosen.values())
+        points = np.tile(grid[:, None], (1, len(self.participants), 1))
+        return grid[self._costs(self._residuals(points), points).argmin(axis=0)]
+
+    def optimise(self) -> None:
+        """Improve ``values`` by the Levenberg-Marquardt method. Each iteration tries three dampings."""
+        everyone, precision = np.arange(len(self.participants)), np.diag(1.0 / _DEVIATION**2)
+        damping = np.full(len(everyone), 1e-2)
+        factors = np.array([0.01, 1.0, 100.0])
+        for iteration in range(ITERATIONS):
+            residuals = self._differentiated()
+            if iteration in (0, ITERATIONS // 2):
+                self._measure_noise(residuals)
+            normal, slope = (self._per_participant(each) for each in self._normal_equations(residuals))
+            slope = slope + (_MEAN - self.values) / _DEVIATION**2
+            curvature = normal + precision
+            scale = np.einsum("nii->ni", curvature)[:, :, None] * np.eye(len(_NAMES))
+            steps = [
+                np.linalg.solve(curvature + (damping * factor)[:, None, None] * scale, slope[..., None])[
+                    ..., 0
+                ]
+                for factor in factors
+            ]
+            points = np.clip([self.values, *(self.values + step for step in steps)], _LOW, _HIGH)
+            costs = self._costs(self._residuals(points), points)
+            choice = costs.argmin(axis=0)
+            self.values = points[choice, everyone]
+            chosen = np.array([100.0, *factors])[choice]
+            damping = np.clip(damping * chosen, 1e-6, 1e4)
+
+    def remove_sway(self, sway_hz: FloatArray) -> None:
+        """Ignore sway of the waist with the participants' frequencies (n,) from now on."""
+        self._bases = [
+            _nuisance(len(each), sway_hz[owner])
+            for each, owner in zip(self._measured, self._owner, strict=True)
+        ]
+
+    def variances(self) -> FloatArray:
+        """Returns the sampling variances (n, 7) of ``values``."""
+        precision = np.diag(1.0 / _DEVIATION**2)
+        of_pieces, slopes = self._normal_equations(self._differentiated())
+        curvature = self._per_participant(of_pieces) + precision
+        without = curvature[self._piece_owner] - of_pieces
+        change = np.linalg.solve(without, slopes[..., None])[..., 0]
+        count = np.bincount(self._piece_owner).astype(float)[:, None]
+        jackknife = (count - 1.0) / count * self._per_participant(change**2)
+        independent = np.einsum("nii->ni", np.linalg.inv(curvature))
+        informative = independent < 0.25 * _DEVIATION**2
+        ratio = (jackknife * informative).sum(axis=0) / np.maximum(
+            (independent * informative).sum(axis=0), 1e-12
+        )
+        return np.minimum(independent * np.maximum(ratio, 1.0), _DEVIATION**2)
+
+    def rhythms(self) -> FloatArray:
+        """Returns estimates (pieces, 4) of the ``RHYTHMS``."""
+        residuals = self._residuals(self.values[None], bases=False)
+        found: list[list[float]] = []
+        for number, rows in self._pieces:
+            full = self._motions[number].angles_rad[SUBSTEPS * self._motions[number].start :, HEAD_X]
+            tremor = full[_EVERY * rows.start : _EVERY * rows.stop]
+            found.append([*_sway(residuals[number][0, rows]), *_tremor(tremor)])
+        return np.array(found)
+
+    def means(self, of_pieces: FloatArray) -> FloatArray:
+        """Returns the participants' means (n, ...) of values of pieces."""
+        return self._per_participant(of_pieces) / np.bincount(self._piece_owner)[:, None]
+
+    def squared_errors(self, of_pieces: FloatArray) -> FloatArray:
+        """Returns the squared standard errors (n, ...) of ``means``. The variance of pieces is pooled."""
+        count = np.bincount(self._piece_owner)[:, None]
+        deviations = of_pieces - self.means(of_pieces)[self._piece_owner]
+        return (deviations**2).sum(axis=0) / (count - 1).sum() / count
+
+    def _per_participant(self, of_pieces: FloatArray) -> FloatArray:
+        """Returns the sums (n, ...) over the pieces of each participant."""
+        sums = np.zeros((len(self.participants), *of_pieces.shape[1:]))
+        np.add.at(sums, self._piece_owner, of_pieces)
+        return sums
+
+    def _residuals(self, points: FloatArray, *, bases: bool = True) -> list[FloatArray]:
+        """Returns for each trial the deviations (C, T, 5) from the predictions with C points (C, n, 7) of parameters.
+        ``bases``: without offsets of waist and elbow, and without sway."""
+        predicted = _predictions(self._motions, points[:, self._owner])
+        deviations = [measured - each for measured, each in zip(self._measured, predicted, strict=True)]
+        if bases:
+            for deviation, of_channels in zip(deviations, self._bases, strict=True):
+                for channel, basis in of_channels.items():
+                    deviation[..., channel] -= deviation[..., channel] @ basis @ basis.T
+        return deviations
+
+    def _differentiated(self) -> list[FloatArray]:
+        """Returns deviations (8, T, 5) of each trial: with ``values``, and after a step of each parameter."""
+        return self._residuals(self.values + np.vstack([np.zeros(len(_NAMES)), np.diag(_STEPS)])[:, None])
+
+    def _costs(self, residuals: list[FloatArray], points: FloatArray) -> FloatArray:
+        """Returns the costs (C, n) of C points: half the sum of squares, with the prior."""
+        costs = 0.5 * (((points - _MEAN) / _DEVIATION) ** 2).sum(axis=-1)
+        for each, owner in zip(residuals, self._owner, strict=True):
+            costs[:, owner] += 0.5 * ((each / self._noise_rad[owner]) ** 2).sum(axis=(1, 2))
+        return costs
+
+    def _normal_equations(self, residuals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Returns normal matrices (pieces, 7, 7) and slopes (pieces, 7) from ``_differentiated`` deviations."""
+        matrices: list[FloatArray] = []
+        slopes: list[FloatArray] = []
+        for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
+            scaled = (residuals[number][:, rows] / self._noise_rad[owner]).reshape(1 + len(_NAMES), -1)
+            jacobian = (scaled[1:] - scaled[0]) / _STEPS[:, None]
+            matrices.append(jacobian @ jacobian.T)
+            slopes.append(-jacobian @ scaled[0])
+        return np.array(matrices), np.array(slopes)
+
+    def _measure_noise(self, residuals: list[FloatArray]) -> None:
+        for owner in range(len(self.participants)):
+            own = np.concatenate(
+                [each[0] for each, of in zip(residuals, self._owner, strict=True) if of == owner]
+            )
+            self._noise_rad[owner] = np.maximum(np.sqrt((own**2).mean(axis=0)), MIN_NOISE_RAD)
+
+
+# Models -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Perceived:
+    """What N people perceive, see ``people.cooperation.PersonObservation``."""
+
+    tool_pos_w: FloatArray
+    head_pos_w: FloatArray
+    mouth_pos_w: FloatArray
+    right_arm_pos_w: FloatArray
+
+
+def _sampled(motion: RecordedMotion) -> FloatArray:
+    """Returns the measured angles (T, 5) while the robot acts, 20 a second."""
+    angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (LAG_TICKS, 1))])
+    return angles[SUBSTEPS * motion.start + LAG_TICKS :: _EVERY][: 2 * (len(motion.tool_w) - motion.start)]
+
+
+def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[FloatArray]:
+    """Returns for each trial the predicted angles (C, T, 5) for C points of parameters (C, trials, 7), without
+    rhythmic motion and noise."""
+    predicted: list[FloatArray] = [np.empty(0)] * len(motions)
+    kinds = dict.fromkeys((each.offered, each.posture) for each in motions)
+    for kind in kinds:
+        numbers = [n for n, each in enumerate(motions) if (each.offered, each.posture) == kind]
+        chosen = [motions[number] for number in numbers]
+        angles = _predict(chosen, points[:, numbers])
+        for number, each in zip(numbers, np.moveaxis(angles, 2, 0), strict=True):
+            begin, end = 2 * motions[number].start, 2 * len(motions[number].tool_w)
+            predicted[number] = each[:, begin:end]
+    return predicted
+
+
+def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArray:
+    """Returns predicted angles (C, T, trials, 5) of trials of the same kind, from the first of their K times on."""
+    candidates, trials = points.shape[:2]
+    longest = max(len(each.tool_w) for each in motions)
+
+    def stacked(name: str) -> FloatArray:
+        arrays = [getattr(each, name) for each in motions]
+        ends = [np.concatenate([each, np.repeat(each[-1:], longest - len(each), axis=0)]) for each in arrays]
+        return np.tile(np.stack(ends, axis=1), (1, candidates, *[1] * (arrays[0].ndim - 1)))
+
+    perceived = [stacked(name) for name in ("tool_w", "head_w", "mouth_w", "right_arm_w")]
+    persons = [each.person for each in motions] * candidates
+    people = People.of(persons)
+    values = points.reshape(-1, len(_NAMES))
+    parameters = parameters_of([dict(zip(_NAMES, row, strict=True)) for row in values.tolist()])
+    rows = len(values)
+    state = partner_behaviour.initial_state(people, parameters, np.full((rows, 4), 0.5))
+    moved = motor.initial_state(people, None, parameters.speed_share, np.zeros((rows, 3)))
+    usual_follow, moved = moved.follow, _only(moved, _MOVING)
+    shown: list[FloatArray] = []
+    targets_rad = state.rest_rad.copy()
+    for now in zip(*perceived, strict=True):
+        targets_rad[:, _MOVING] = moved.angles_rad
+        state, goals = partner_behaviour.choose_goals(
+            replace(state, targets_rad=targets_rad), _Perceived(*now), motions[0].offered, motions[0].posture
+        )
+        startled = partner_behaviour.are_startled(state)
+        pace = np.where(startled, STARTLE_SPEED_FACTOR, moved.pace)
+        follow = np.where(startled[:, None], STARTLED_FOLLOW, usual_follow)
+        moved = replace(
+            moved,
+            goal_rad=np.clip(goals, LOWER_RAD, UPPER_RAD)[:, _MOVING],
+            reach_rad=(PHYSICS_STEP_S * USUAL_SPEED_SHARE * pace)[:, None] * SPEED_RAD_S[_MOVING],
+            follow=follow[:, _MOVING],
+        )
+        for tick in range(SUBSTEPS):
+            if tick % _EVERY == 0:
+                shown.append(moved.angles_rad[:, _SHOWN])
+            moved = motor.advance(moved)
+    angles = np.stack(shown).reshape(len(shown), candidates, trials, len(CHANNELS))
+    return angles.transpose(1, 0, 2, 3)
+
+
+def _only(state: motor.MotorState, joints: list[int]) -> motor.MotorState:
+    """Returns the motor model of some joints, without rhythmic motion."""
+    names = ("goal_rad", "equilibrium_rad", "lagged_rad", "angles_rad", "reach_rad", "follow")
+    return replace(state, **{name: getattr(state, name)[:, joints] for name in names})
+
+
+def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
+    """Returns for some channels an orthonormal basis (T, K) of motion that is not compared: offsets and sway."""
+    times_s = _EVERY * PHYSICS_STEP_S * np.arange(count)
+
+    def basis(frequency_hz: float | None) -> FloatArray:
+        if frequency_hz is None:
+            return np.full((count, 1), count**-0.5)
+        return np.linalg.qr(_sinusoid(times_s, frequency_hz))[0]
+
+    sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY * sway_hz
+    return {WAIST_X: basis(sway_hz), WAIST_Y: basis(sideways_hz), ELBOW: basis(None)}
+
+
+def _sinusoid(times_s: FloatArray, frequency_hz: float) -> FloatArray:
+    """Returns a constant, a cosine and a sine (T, 3)."""
+    angle = 2.0 * np.pi * frequency_hz * times_s
+    return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
+    """Returns amplitude in degrees and frequency of the sinusoids that explain most of the waist's deviations, from
+    (T, 5)."""
+    times_s = _EVERY * PHYSICS_STEP_S * np.arange(len(deviations_rad))
+    best = np.inf, 0.0, 0.0
+    low_hz, high_hz = SWAY_HZ
+    for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, 0.01):
+        error, power = 0.0, 0.0
+        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY)):
+            basis = _sinusoid(times_s, factor * frequency_hz)
+            found = np.linalg.lstsq(basis, deviations_rad[:, channel], rcond=None)[0]
+            error += float(((deviations_rad[:, channel] - basis @ found) ** 2).sum())
+            power += 0.5 * float(found[1] ** 2 + found[2] ** 2)
+        best = min(best, (error, float(np.degrees(np.sqrt(power))), float(frequency_hz)))
+    return best[1:]
+
+
+def _tremor(head_x_rad: FloatArray) -> tuple[float, float]:
+    """Returns amplitude in degrees and frequency of the strongest tremor in angles (T,), 100 a second.
+
+    The spectrum is estimated by Welch's method.
+    """
+    window = min(2 * round(1.0 / PHYSICS_STEP_S), len(head_x_rad))
+    frequency_hz, power = signal.welch(
+        head_x_rad, 1.0 / PHYSICS_STEP_S, nperseg=window, nfft=1000, scaling="spectrum"
+    )
+    (band,) = np.nonzero((frequency_hz >= TREMOR_HZ[0]) & (frequency_hz <= TREMOR_HZ[1]))
+    peak = band[power[band].argmax()]
+    excess = max(float(power[peak] - np.median(power[band])), 0.0)
+    return float(np.degrees(np.sqrt(2.0 * excess))), float(frequency_hz[peak])

@@ -1,0 +1,96 @@
+"""Motion of a person and a tool in a recorded trial, as behaviour models perceive and produce it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from avrgym.array_types import FloatArray
+from avrgym.models.human import JOINT_INDEX, Person, Posture
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.people.cooperation import OfferedPart
+from avrgym.recording.reader import Recording
+from avrgym.recording.world import recorded_world
+from avrgym.tasks.registry import task_and_scene
+
+CHANNELS = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
+"""The joints whose motion is fitted. Tracking of head and hands determines their angles."""
+WAIST_X, WAIST_Y, HEAD_X, HEAD_Z, ELBOW = range(len(CHANNELS))
+_COLUMNS = [JOINT_INDEX[name] for name in CHANNELS]
+_WAIST, _HEAD = ([JOINT_INDEX[f"{part}_{axis}"] for axis in "xyz"] for part in ("waist", "head"))
+
+MIN_TIMES = 20
+"""Least number of times of a motion: two seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotion:
+    """Motion in a trial, from the start of free movement to the last control step.
+
+    Attributes:
+        participant: pseudonym.
+        person: body and initial joint angles.
+        offered, posture: those of the task.
+        tool_w, head_w, mouth_w: positions (K, 3) of tool, head and mouth in the world every 0.1 s, metres.
+        right_arm_w: positions (K, 3, 3) of shoulder, elbow and wrist.
+        angles_rad: angles (10 K, 5) of the ``CHANNELS`` every 0.01 s. Head angles are those of a waist without yaw.
+        start: number of the first of the K times at which the robot acts.
+    """
+
+    participant: str
+    person: Person
+    offered: OfferedPart
+    posture: Posture
+    tool_w: FloatArray
+    head_w: FloatArray
+    mouth_w: FloatArray
+    right_arm_w: FloatArray
+    angles_rad: FloatArray
+    start: int
+
+
+def read_motion(participant: str, recording: Recording) -> RecordedMotion:
+    """Returns the motion in a completed recording.
+
+    Raises:
+        ValueError: if the recording has no states or joint targets, or if its world cannot be created.
+    """
+    states, targets = recording.topics["/physics"], recording.topics["/body_targets"]
+    control, events = recording.topics["/control"], recording.topics["/events"]
+    begins = [time_ns / 1e9 for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
+    count = int(control[-1][0] / 1e9 / PHYSICS_STEP_S + 1e-6) // SUBSTEPS if control else 0
+    if not begins or not targets or len(states) < count * SUBSTEPS or count < MIN_TIMES:
+        raise ValueError("it contains no motion of a person and a tool")
+    task, scene = task_and_scene(recording.configuration.environment)
+    simulation, perceived = recorded_world(recording.configuration).simulation, []
+    for _, physics in states[: count * SUBSTEPS : SUBSTEPS]:
+        simulation.set_integration_state(np.array(physics.state, float))
+        now = simulation.state()
+        perceived.append((now.tool_pos_w[0], now.head_pos_w[0], now.mouth_pos_w[0], now.right_arm_pos_w[0]))
+    tool_w, head_w, mouth_w, right_arm_w = (np.stack(each) for each in zip(*perceived, strict=True))
+    times_s = np.array([time_ns for time_ns, _ in targets]) / 1e9
+    ticks_s = PHYSICS_STEP_S * np.arange(count * SUBSTEPS)
+    rows = np.maximum(np.searchsorted(times_s, ticks_s + 1e-6, side="right") - 1, 0)
+    angles_rad = np.array([record.joint_targets for _, record in targets])[rows]
+    return RecordedMotion(
+        participant=participant,
+        person=recording.configuration.start_person,
+        offered=task.offered,
+        posture=scene.posture,
+        tool_w=tool_w,
+        head_w=head_w,
+        mouth_w=mouth_w,
+        right_arm_w=right_arm_w,
+        angles_rad=_channels(angles_rad),
+        start=min(int(begins[0] / PHYSICS_STEP_S) // SUBSTEPS, count - MIN_TIMES),
+    )
+
+
+def _channels(joint_angles_rad: FloatArray) -> FloatArray:
+    """Returns the ``CHANNELS`` (T, 5) of joint angles (T, 20). The waist's yaw is added to the rotation of the head:
+    inverse kinematics divides yaw between both."""
+    channels = joint_angles_rad[:, _COLUMNS].copy()
+    yaw = Rotation.from_euler("Z", joint_angles_rad[:, _WAIST[2:]])
+    head = (yaw * Rotation.from_euler("XYZ", joint_angles_rad[:, _HEAD])).as_euler("XYZ")
+    channels[:, HEAD_X], channels[:, HEAD_Z] = head[:, 0], head[:, 2]
+    return channels
