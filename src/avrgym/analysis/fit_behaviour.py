@@ -155,13 +155,11 @@ class _Fit:
             slope = slope + (_MEAN - self.values) / _DEVIATION**2
             curvature = normal + precision
             scale = np.einsum("nii->ni", curvature)[:, :, None] * np.eye(len(_NAMES))
-            steps = [
-                np.linalg.solve(curvature + (damping * factor)[:, None, None] * scale, slope[..., None])[
-                    ..., 0
-                ]
-                for factor in factors
+            damped = curvature + (factors[:, None] * damping)[..., None, None] * scale
+            steps = np.linalg.solve(damped, np.broadcast_to(slope[..., None], (*damped.shape[:-1], 1)))[
+                ..., 0
             ]
-            points = np.clip([self.values, *(self.values + step for step in steps)], _LOW, _HIGH)
+            points = np.clip(self.values + np.concatenate([0.0 * steps[:1], steps]), _LOW, _HIGH)
             costs = self._costs(self._residuals(points), points)
             choice = costs.argmin(axis=0)
             self.values = points[choice, everyone]
@@ -171,7 +169,7 @@ class _Fit:
     def remove_sway(self, sway_hz: FloatArray) -> None:
         """Ignore sway of the waist with the participants' frequencies (n,) from now on."""
         self._bases = [
-            _nuisance(len(each), sway_hz[owner])
+            _nuisance(len(each), float(sway_hz[owner]))
             for each, owner in zip(self._measured, self._owner, strict=True)
         ]
 
@@ -221,7 +219,9 @@ class _Fit:
         """Returns for each trial the deviations (C, T, 5) from the predictions with C points (C, n, 7) of parameters.
         ``bases``: without offsets of waist and elbow, and without sway."""
         predicted = _predictions(self._motions, points[:, self._owner])
-        deviations = [measured - each for measured, each in zip(self._measured, predicted, strict=True)]
+        deviations: list[FloatArray] = [
+            measured - each for measured, each in zip(self._measured, predicted, strict=True)
+        ]
         if bases:
             for deviation, of_channels in zip(deviations, self._bases, strict=True):
                 for channel, basis in of_channels.items():

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry.rotation_matrices import from_euler_xyz, to_euler_xyz
 from avrgym.models.human import JOINT_INDEX, Person, Posture
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people.cooperation import OfferedPart
@@ -62,7 +62,8 @@ def read_motion(participant: str, recording: Recording) -> RecordedMotion:
     if not begins or not targets or len(states) < count * SUBSTEPS or count < MIN_TIMES:
         raise ValueError("it contains no motion of a person and a tool")
     task, scene = task_and_scene(recording.configuration.environment)
-    simulation, perceived = recorded_world(recording.configuration).simulation, []
+    simulation = recorded_world(recording.configuration).simulation
+    perceived: list[tuple[FloatArray, ...]] = []
     for _, physics in states[: count * SUBSTEPS : SUBSTEPS]:
         simulation.set_integration_state(np.array(physics.state, float))
         now = simulation.state()
@@ -90,7 +91,9 @@ def _channels(joint_angles_rad: FloatArray) -> FloatArray:
     """Returns the ``CHANNELS`` (T, 5) of joint angles (T, 20). The waist's yaw is added to the rotation of the head:
     inverse kinematics divides yaw between both."""
     channels = joint_angles_rad[:, _COLUMNS].copy()
-    yaw = Rotation.from_euler("Z", joint_angles_rad[:, _WAIST[2:]])
-    head = (yaw * Rotation.from_euler("XYZ", joint_angles_rad[:, _HEAD])).as_euler("XYZ")
-    channels[:, HEAD_X], channels[:, HEAD_Z] = head[:, 0], head[:, 2]
+    for channel, yaw_rad, head_rad in zip(
+        channels, joint_angles_rad[:, _WAIST[2]].tolist(), joint_angles_rad[:, _HEAD].tolist(), strict=True
+    ):
+        angles = to_euler_xyz(from_euler_xyz(0.0, 0.0, yaw_rad) @ from_euler_xyz(*head_rad))
+        channel[HEAD_X], channel[HEAD_Z] = angles[0], angles[2]
     return channels
