@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ class Table:
     @classmethod
     def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
         """Returns a table from ``rows``, which are instances of the dataclass ``kind``."""
-        return cls(name, columns_of(kind), [asdict(row) for row in rows])
+        return cls(name, columns_of(kind), [vars(row) for row in rows])
 
     def write(self, folder: Path) -> None:
         """Write the table as CSV into a folder. Text that a spreadsheet could run as a formula gets an apostrophe."""

@@ -24,6 +24,7 @@ EXACT_RANK_SUM = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
 MANN_WHITNEY = "Mann-Whitney"
+_DISTANCES_IN_MEMORY = 1_000_000
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
@@ -194,12 +195,22 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
     ``apart``: distances of all points. ``chosen`` (k, n): indices of the first sample; all other points are the second.
     """
-    inner = np.array([apart[np.ix_(indices, indices)].sum() for indices in chosen])
+    inner = _inner_sums(apart, chosen)
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
     outer = apart.sum() - inner - 2.0 * between
     n, m = chosen.shape[1], len(apart) - chosen.shape[1]
     mean = between / (n * m)
     return 2.0 * mean - inner / n**2 - outer / m**2, mean
+
+
+def _inner_sums(apart: FloatArray, chosen: IntArray) -> FloatArray:
+    """Returns the sum (k,) of all distances within each of k samples. Samples are processed in parts to limit memory."""
+    squared = chosen.shape[1] ** 2
+    parts = np.array_split(chosen, 1 + len(chosen) * squared // _DISTANCES_IN_MEMORY)
+    sums = [
+        apart[part[:, :, None], part[:, None, :]].reshape(len(part), squared).sum(axis=1) for part in parts
+    ]
+    return np.concatenate(sums)
 
 
 def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]:
