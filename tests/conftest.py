@@ -20,6 +20,8 @@ from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 
 pytest.register_assert_rewrite("helpers")
 
+gc.disable()  # while thousands of modules and tests are collected
+
 os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="avrgym-data-")
 atexit.register(shutil.rmtree, os.environ["XDG_DATA_HOME"], ignore_errors=True)
 
@@ -72,9 +74,10 @@ def _environments(item: pytest.Item) -> set[str]:
 
 
 def pytest_collection_finish() -> None:
-    """Exclude loaded modules from garbage collection."""
-    gc.collect()
+    """Exclude loaded modules from garbage collection, and collect garbage less often."""
     gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
+    gc.enable()
 
 
 @pytest.fixture
