@@ -204,7 +204,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def _inner_sums(apart: FloatArray, chosen: IntArray) -> FloatArray:
-    """Returns the sum (k,) of all distances within each of k samples. Samples are processed in parts to limit memory."""
+    """Returns the sums (k,) of all distances within k samples, which are processed in parts to limit memory."""
     squared = chosen.shape[1] ** 2
     parts = np.array_split(chosen, 1 + len(chosen) * squared // _DISTANCES_IN_MEMORY)
     sums = [
