@@ -59,7 +59,7 @@ def reach(environment: str) -> dict[str, float]:
         placement.find_start = original
     _, _, _, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, _ = recorder.arguments
     chain, joints = placement.arm_chain(episodes.scene), episodes.simulation.joint_positions()
-    to_base = transforms.invert(*episodes.simulation.robot_base())
+    to_base = transforms.invert(*episodes.simulation.initial_base_pose())
     pos, q = transforms.compose(*to_base, tool_pos_w, np.broadcast_to(tool_q_w, (STARTS, 4)))
     reached_pos, reached_q = kinematics.forward_kinematics(chain, joints)
     off_rad = transforms.to_rotation_vector(transforms.multiply(reached_q, transforms.conjugate(q)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.people.population_names import TRAIN_ZOO
-from avrgym.people.zoo.partners import BOUNDS, LEVELS, PARTNER_PARAMETERS, PARTNERS, ZOOS
+from avrgym.people.zoo.partners import PARAMETER_BOUNDS, PARTNER_PARAMETERS, PARTNERS, STYLE_LEVELS, ZOOS
 from avrgym.people.zoo.styles import ASSUMPTION, PARAMETER_SOURCES, STYLES
 from figures_file import add, chosen, read, success
 from papers_results import row, short
@@ -26,7 +26,7 @@ ENVIRONMENTS = ("avrgym/FeedingJaco-v1", "avrgym/ScratchItchJaco-v1", "avrgym/Be
 EPISODES, SEED = 100, 0
 ENDS = {"low": -0.4, "high": 1.4}
 """Levels of `zoo/extreme` relative to the range of `zoo/train`."""
-assert tuple(ENDS.values()) == LEVELS["zoo/extreme"]
+assert tuple(ENDS.values()) == STYLE_LEVELS["zoo/extreme"]
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = ("episodes", "success_rate", "success_ci95", "force_mean_newton", "episodes_over_limit")
 
@@ -71,7 +71,7 @@ def _ranges(parameter: str) -> dict[str, tuple[float, float]]:
 
 def _value(ends: tuple[float, float], parameter: str, level: float) -> float:
     first, last = ends
-    return float(np.clip(first + level * (last - first), *BOUNDS.get(parameter, (0.0, np.inf))))
+    return float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(parameter, (0.0, np.inf))))
 
 
 def _set_level(parameter: str, level: float) -> None:

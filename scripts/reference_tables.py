@@ -16,7 +16,7 @@ from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.safety.approach_speed import effective_mass_kg
-from avrgym.safety.force_guard import GUARD_SHARE
+from avrgym.safety.force_guard import INTERVENTION_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, sizes
@@ -84,7 +84,7 @@ def body_regions() -> Lines:
     environments = {robot: f"avrgym/Feeding{robot}-v1" for robot in ("Jaco", "PR2")}
     speeds = {
         robot: max_impact_speed_m_s(
-            GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(Episodes(environment, 1).simulation)
+            INTERVENTION_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(Episodes(environment, 1).simulation)
         )
         for robot, environment in environments.items()
     }
@@ -93,8 +93,8 @@ def body_regions() -> Lines:
             region.name,
             f"{region.quasi_static_limit_n:g} N",
             f"{region.transient_limit_n:g} N",
-            f"{region.spring_n_mm:g} N/mm",
-            f"{region.mass_kg:g} kg",
+            f"{region.spring_constant_n_mm:g} N/mm",
+            f"{region.effective_mass_kg:g} kg",
             *(f"{100 * speeds[robot][number]:.0f} cm/s" for robot in environments),
             ", ".join(region.geoms),
         )

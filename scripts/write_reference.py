@@ -64,7 +64,12 @@ WORDS: dict[type[types.Type], str] = {
     types.AnyType: "anything",
     types.NoneType: "nothing",
 }
-BOUNDS = {"ge": "≥ {}", "le": "≤ {}", "min_length": "at least {} long", "max_length": "at most {} long"}
+PARAMETER_BOUNDS = {
+    "ge": "≥ {}",
+    "le": "≤ {}",
+    "min_length": "at least {} long",
+    "max_length": "at most {} long",
+}
 
 
 def main() -> None:
@@ -155,7 +160,7 @@ def type_words(info: types.Type) -> str:
         return type_words(info.type)
     allowed = [
         text.format(value)
-        for name, text in BOUNDS.items()
+        for name, text in PARAMETER_BOUNDS.items()
         if (value := getattr(info, name, None)) is not None
     ]
     return ", ".join([_type_name(info), *allowed])

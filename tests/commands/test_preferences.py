@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences, in_words
+from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences, describe_preferences
 from avrgym.commands.vocabulary import COMMAND_NAMES, COMMANDS, SOURCES, commands_of
 from avrgym.study.design.design import DesignError, default_text, parse_design
 
@@ -21,14 +21,14 @@ sources = ["key", "nod"]
 @pytest.mark.parametrize(
     ("changes", "own", "message"),
     [
-        ({"commands": ("ready", "wait")}, None, "commands without stop"),
-        ({"sources": ()}, None, "commands without a source"),
-        ({"commands": (), "sources": ("key",)}, None, "sources without commands"),
+        ({"commands": ("ready", "wait")}, None, "the commands do not contain stop"),
+        ({"sources": ()}, None, "commands but no source"),
+        ({"commands": (), "sources": ("key",)}, None, "sources but no commands"),
         ({"sources": ("shake",)}, None, "waits for ready, but no source gives it"),
         ({"commands": ("wait", "stop")}, None, "waits for ready"),
-        ({}, Preferences(commands=("ready", "wait")), "commands without stop"),
+        ({}, Preferences(commands=("ready", "wait")), "the commands do not contain stop"),
         ({"sources": ("key",)}, Preferences(sources=("nod",)), "allowed in this condition: key"),
-        ({}, Preferences(sources=()), "commands without a source"),
+        ({}, Preferences(sources=()), "commands but no source"),
         ({}, Preferences(sources=("shake",)), "no source gives it"),
     ],
 )
@@ -52,17 +52,17 @@ def test_preferences_apply_only_where_the_condition_says_so() -> None:
     for preferences, speed in ((True, 0.5), (False, 1.0)):
         applied = apply_preferences(CommandRules(**ALL, preferences=preferences), own)
         assert applied.preferences.speed == speed
-    assert not CommandRules(policy="revised").layered
+    assert not CommandRules(policy="revised").uses_pacing_layer
 
 
 def test_rules_name_the_reason_of_a_refusal() -> None:
     applied = apply_preferences(
         CommandRules(policy="revised", commands=("ready", "stop"), sources=("key", "nod")), None
     )
-    assert applied.refusal("ready", "key") == applied.refusal("ready", "nod") == ""
-    assert "not a source" in applied.refusal("ready", "switch")
-    assert "not a command of this trial" in applied.refusal("faster", "key")
-    assert "nod cannot give stop" in applied.refusal("stop", "nod")
+    assert applied.rejection_reason("ready", "key") == applied.rejection_reason("ready", "nod") == ""
+    assert "not a source" in applied.rejection_reason("ready", "switch")
+    assert "not a command of this trial" in applied.rejection_reason("faster", "key")
+    assert "nod cannot give stop" in applied.rejection_reason("stop", "nod")
 
 
 def test_every_command_has_texts_and_every_source_commands() -> None:
@@ -76,12 +76,12 @@ def test_every_command_has_texts_and_every_source_commands() -> None:
 
 def test_preferences_are_shown_in_words() -> None:
     own = Preferences(speed=0.5, distance_m=0.2, side="left", commands=("ready", "stop"))
-    assert in_words(own) == (
+    assert describe_preferences(own) == (
         "The robot moves at 50% of its usual speed. It waits 20 cm away from you, on your left. It continues when you "
         "tell it that you are ready. It pulls back when it presses on you with 50% of the standard's force limit. Your "
         "commands: Ready, Stop."
     )
-    assert "links von Ihnen" in in_words(own, "de")
+    assert "links von Ihnen" in describe_preferences(own, "de")
 
 
 def test_a_design_names_conditions_with_their_policy() -> None:
@@ -96,7 +96,7 @@ def test_a_design_names_conditions_with_their_policy() -> None:
     ("old", "new", "message"),
     [
         ('"stop"]', '"wait"]', "twice"),
-        (', "stop"]', "]", "commands without stop"),
+        (', "stop"]', "]", "the commands do not contain stop"),
         ('"nod"]', '"telepathy"]', "telepathy"),
         ("[conditions.paced]", "[conditions.other]", "unknown name 'other'"),
         ("sources =", "inputs =", "unknown name 'inputs'"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrgym.envs import benchmark
-from avrgym.simulation.engines.warp import libraries
+from avrgym.simulation.engines.warp import import_libraries
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.no_host_copies import forbid_host_copies
@@ -25,7 +25,7 @@ def reset_episodes(environment: str, **options: Any) -> Episodes:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_steps_with_moving_people_agree_with_threads_without_host_copies(environment: str) -> None:
     threads, device = reset_episodes(environment), reset_episodes(environment, engine=WARP, on_device=True)
-    expert, torch = threads.task.expert(threads), libraries().torch
+    expert, torch = threads.task.expert(threads), import_libraries().torch
     for number in range(12):
         action = np.clip(np.asarray(expert(threads.observe()), float), -1.0, 1.0)
         device_action, expected = torch.as_tensor(action, dtype=torch.float32), threads.step(action)

@@ -29,7 +29,7 @@ def test_cross_play_equals_single_evaluations() -> None:
     ("policies", "people", "impairment", "said"),
     [
         (["nope"], PEOPLE, "none", "no policy 'nope'"),
-        (POLICIES, ["original", "zoo/nope"], "none", "unknown people 'zoo/nope'"),
+        (POLICIES, ["original", "zoo/nope"], "none", "unknown population 'zoo/nope'"),
         (POLICIES, PEOPLE, "gout", "allowed: none, limits"),
     ],
 )

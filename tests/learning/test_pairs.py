@@ -299,12 +299,12 @@ def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
 
 
 def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
-    from avrgym.people.populations import transferred_people
+    from avrgym.people.populations import people_for_workers
 
     save_network(tmp_path / "here" / "a" / "human.safetensors", random_network(SCRATCHING))
     save_network(tmp_path / "here" / "b.safetensors", random_network(SCRATCHING, seed=1))
     found = [each.trained for each in find_populations(str(tmp_path / "here"), TASKS)]
-    carried = transferred_people(str(tmp_path / "here"))
+    carried = people_for_workers(str(tmp_path / "here"))
     assert carried.local_path() == str(tmp_path / "here")
     shutil.move(tmp_path / "here", tmp_path / "away")
     again = [each.trained for each in find_populations(carried.local_path(), TASKS)]
@@ -387,7 +387,10 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     assert_refused(
         run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
     )
-    assert_refused(run(*evaluation, robot), "is the policy of a robot, not of a human; use it with --policy")
+    assert_refused(
+        run(*evaluation, robot),
+        "is the policy of a robot; allowed: policies of trained humans. Use this file with --policy",
+    )
     assert_refused(
         run("evaluate", SCRATCHING, "--policy", human), "is the policy of a trained human, not of a robot"
     )
@@ -411,7 +414,7 @@ def test_a_recurrent_human_is_refused(tmp_path):
     memory = Memory(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
     remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
     path = save_network(tmp_path / "human.safetensors", remembering)
-    with pytest.raises(PolicyError, match="a recurrent policy; allowed"):
+    with pytest.raises(PolicyError, match="is a recurrent policy; allowed"):
         find_populations(path, TASKS)
 
 

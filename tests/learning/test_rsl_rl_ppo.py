@@ -274,7 +274,7 @@ def test_a_missing_extra_is_named_with_its_installation(
 def test_training_without_a_gpu_is_refused(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("there is a GPU here")
-    assert "the engine warp needs a CUDA device, and PyTorch finds none" in refused(
+    assert "engine 'warp' needs a CUDA device, and PyTorch finds none" in refused(
         tmp_path, "--engine", "warp"
     )
     assert "has no device 'cuda:1'; allowed: " in refused(tmp_path, "--engine", "warp:cuda:1")

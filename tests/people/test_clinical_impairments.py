@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, SEATED_RAD, UPPER_RAD
 from avrgym.people import impaired_motion, impairments
-from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.impaired_motion import MotorSigns
 from avrgym.people.population_names import SEVERITIES
 from avrgym.policies import registry
@@ -28,7 +28,7 @@ HEAD = np.array([name.startswith("head") for name in JOINTS])
 
 
 def signs_of(impairment: str) -> MotorSigns:
-    return motor_signs(impairment, np.random.default_rng(5).random((COUNT, impairments.NUM_UNIFORMS)))
+    return sample_motor_signs(impairment, np.random.default_rng(5).random((COUNT, impairments.NUM_UNIFORMS)))
 
 
 def executed(impairment: str, seconds: float = 6.0, step_s: float = STEP_S) -> np.ndarray:

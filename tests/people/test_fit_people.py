@@ -361,7 +361,7 @@ def test_people_behave_like_the_participants_of_a_file(tmp_path: Path, rng: np.r
     own.write_text(GOOD + BEHAVIOUR)
     partners = distributions.find_distribution(str(own), TASKS).partners
     assert partners is not None
-    drawn = partners.draw(rng.random((4000, 2)))
+    drawn = partners.sample(rng.random((4000, 2)))
     like_second = drawn.reaction_s == 0.7
     assert like_second.mean() == pytest.approx(0.5, abs=0.05)
     assert drawn.reaction_s[~like_second].mean() == pytest.approx(0.3, abs=0.005)
@@ -391,4 +391,4 @@ def test_commands_list_the_populations(tmp_path: Path) -> None:
     for command in ("evaluate", "train"):
         result = avrgym(command, f"avrgym/{TASK}Jaco-v1", "--people", "nobody.toml")
         assert result.exit_code == 1
-        assert "unknown people 'nobody.toml'; allowed: original, revised" in result.stderr
+        assert "unknown population 'nobody.toml'; allowed: original, revised" in result.stderr

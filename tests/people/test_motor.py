@@ -50,7 +50,7 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
     rng, distribution = np.random.default_rng(5), DISTRIBUTIONS[people]
     uniforms = rng.random((WORLDS, cooperation.NUM_UNIFORMS))
     body = distributions.repeat_person(Person("man", 0.6, TASKS[task].pose.rest_rad), WORLDS)
-    drawn = None if distribution.partners is None else distribution.partners.draw(uniforms[:, :2])
+    drawn = None if distribution.partners is None else distribution.partners.sample(uniforms[:, :2])
     if drawn is not None:
         body = partners.apply_partner_bodies(body, drawn)
     body = impairments.apply_impairment(body, "tremor", rng.random((WORLDS, impairments.NUM_UNIFORMS)))
@@ -105,7 +105,7 @@ def test_movements_are_bell_shaped_and_arrive_without_overshoot():
 
 def test_noise_is_proportional_to_speed():
     slow, usual = at_rest(400), at_rest(400)
-    slow = replace(slow, pace=0.25 * slow.pace)
+    slow = replace(slow, speed_factor=0.25 * slow.speed_factor)
     spread = []
     for state in (slow, usual):
         speed = np.diff(turned(state, [3.0] * 8)[-10:, :, HEAD_Z], axis=0).mean(axis=0) / PHYSICS_STEP_S
@@ -162,7 +162,7 @@ def test_participants_of_version_1_jump_and_others_move_evenly():
 def test_names_without_a_version_have_the_newest(name: str) -> None:
     assert NAMED_DISTRIBUTIONS[name] == NAMED_DISTRIBUTIONS[f"{name}@2"]
     assert NAMED_DISTRIBUTIONS[f"{name}@1"] == replace(NAMED_DISTRIBUTIONS[name], motion_version=1)
-    with pytest.raises(ValueError, match=rf"unknown version '3'.*allowed: {name}, {name}@1, {name}@2"):
+    with pytest.raises(ValueError, match=rf"unknown motion version '3'.*allowed: {name}, {name}@1, {name}@2"):
         distributions.find_distribution(f"{name}@3", TASKS)
 
 

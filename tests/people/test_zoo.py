@@ -15,7 +15,7 @@ from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.people.zoo.partners import (
-    BOUNDS,
+    PARAMETER_BOUNDS,
     PARAMETER_NAMES,
     PARTNER_PARAMETERS,
     PARTNERS,
@@ -141,7 +141,10 @@ def test_extreme_partners_are_outside_the_range_of_training():
             continue
         for axis in STYLES[partner.style].axes:
             for trait, ends in axis.items():
-                value, bounds = getattr(PARTNER_PARAMETERS, trait)[row], BOUNDS.get(trait, (0.0, np.inf))
+                value, bounds = (
+                    getattr(PARTNER_PARAMETERS, trait)[row],
+                    PARAMETER_BOUNDS.get(trait, (0.0, np.inf)),
+                )
                 assert value <= min(ends) or value >= max(ends)
                 assert value not in ends or value in bounds
                 assert bounds[0] <= value <= bounds[1]

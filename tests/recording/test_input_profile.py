@@ -6,7 +6,7 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from avrgym.commands.input_names import METHODS, STOP_WAYS
+from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
 from avrgym.recording.input_profile import (
     ARMS,
     POSSIBLE_STOPS,
@@ -18,11 +18,11 @@ from avrgym.recording.input_profile import (
 )
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", INPUT_METHODS)
 def test_each_method_has_a_stop_without_hands_where_it_needs_none(method: Any) -> None:
     profile = InputProfile(method)
     assert profile.stop_ways
-    assert set(profile.stop_ways) <= set(STOP_WAYS)
+    assert set(profile.stop_ways) <= set(STOP_INPUTS)
     assert msgspec.convert(msgspec.to_builtins(profile), InputProfile) == profile
     assert profile.needs("head")
     if method not in USED_ARMS:
@@ -31,11 +31,11 @@ def test_each_method_has_a_stop_without_hands_where_it_needs_none(method: Any) -
         assert not {"buttons", "palm"} & set(POSSIBLE_STOPS[method])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", INPUT_METHODS)
 def test_a_profile_without_a_possible_stop_is_refused(method: Any) -> None:
     with pytest.raises(InputProfileError, match="no way to stop the robot; allowed for"):
         InputProfile(method, stops=())
-    for way in set(STOP_WAYS) - set(POSSIBLE_STOPS[method]):
+    for way in set(STOP_INPUTS) - set(POSSIBLE_STOPS[method]):
         with pytest.raises(InputProfileError, match=f"{method} cannot stop by {way}; allowed: "):
             InputProfile(method, stops=(way,))
 

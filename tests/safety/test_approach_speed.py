@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.array_types import FloatArray
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.safety.approach_speed import NEAR_M, effective_mass_kg
+from avrgym.safety.approach_speed import MONITORED_DISTANCE_M, effective_mass_kg
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, max_impact_speed_m_s
 from avrgym.safety.region_forces import RegionLoadRecorder
@@ -28,11 +28,11 @@ Asked = Callable[[Episodes], Controller]
 
 def test_an_impact_at_the_maximum_speed_has_the_spring_energy_of_the_force():
     force_n = 0.5 * QUASI_STATIC_LIMIT_N
-    for arm_kg in (0.5, 3.0, 20.0, np.inf):
-        speeds = max_impact_speed_m_s(force_n, arm_kg)
+    for arm_mass_kg in (0.5, 3.0, 20.0, np.inf):
+        speeds = max_impact_speed_m_s(force_n, arm_mass_kg)
         for region, force, speed in zip(BODY_REGIONS, force_n, speeds, strict=True):
-            together_kg = 1.0 / (1.0 / region.mass_kg + 1.0 / arm_kg)
-            stored_j = force**2 / (2.0 * 1000.0 * region.spring_n_mm)
+            together_kg = 1.0 / (1.0 / region.effective_mass_kg + 1.0 / arm_mass_kg)
+            stored_j = force**2 / (2.0 * 1000.0 * region.spring_constant_n_mm)
             assert_allclose(0.5 * together_kg * speed**2, stored_j)
     assert (max_impact_speed_m_s(force_n, 3.0) > max_impact_speed_m_s(force_n, 20.0)).all()
 
@@ -58,7 +58,7 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
         now_m, limit_m = from_axis_m(pad, ends), CONTROL_STEP_S * allowed_m_s[REGION_OF_GEOM[name]]
         gap_m = now_m - now.person_radius_m[world, index]
         closed_m = [from_axis_m(place, was) - now_m for place in (pad, pad_before)]
-        found.append([each / limit_m if gap_m - each < NEAR_M else 0.0 for each in closed_m])
+        found.append([each / limit_m if gap_m - each < MONITORED_DISTANCE_M else 0.0 for each in closed_m])
     people, both = zip(*found, strict=True)
     return max(people), max(both)
 

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models.scene import SUBSTEPS
-from avrgym.safety.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
+from avrgym.safety.force_guard import INTERVENTION_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.contact_forces import actions_towards
@@ -44,12 +44,14 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
             before = share(simulation.region_force_n())
             changed = guard.update(action if tick == 0 else None)
             if tick == 0:
-                episodes.command(guard.output if guarded else action)
+                episodes.command(guard.executed_action if guarded else action)
             elif guarded:
-                simulation.command_robot(guard.output, changed)
+                simulation.command_robot(guard.executed_action, changed)
             simulation.step(1)
             after = share(simulation.region_force_n())
-            ticks.append((before, after, guard.retracting, simulation.joint_positions(), guard.output))
+            ticks.append(
+                (before, after, guard.retracting, simulation.joint_positions(), guard.executed_action)
+            )
         episodes.evaluate_step(action)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
 
@@ -68,8 +70,8 @@ def test_it_retracts_exactly_above_the_threshold(pushed):
     before, retracting = pushed[1].before, pushed[1].retracting
     begins = retracting & ~np.roll(retracting, 1, axis=0)
     assert begins.sum() >= 3
-    assert (before[begins] > GUARD_SHARE).all()
-    assert retracting[before > GUARD_SHARE].all()
+    assert (before[begins] > INTERVENTION_SHARE).all()
+    assert retracting[before > INTERVENTION_SHARE].all()
 
 
 def test_it_releases_only_below_the_release_share(pushed):
@@ -85,7 +87,7 @@ def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
     acted = guarded.retracting.any(axis=0)
     assert 3 <= acted.sum() < WORLDS
     assert (guarded.after.max(axis=0)[acted] < without.after.max(axis=0)[acted]).all()
-    assert 2 * (guarded.after > GUARD_SHARE).sum() < (without.after > GUARD_SHARE).sum()
+    assert 2 * (guarded.after > INTERVENTION_SHARE).sum() < (without.after > INTERVENTION_SHARE).sum()
 
 
 def test_without_high_forces_it_changes_no_bit(pushed):
@@ -110,7 +112,7 @@ def test_it_retracts_along_the_path_of_the_arm(pushed):
             way = guarded.joint_positions[:tick, world]
             off = np.abs(way - guarded.joint_positions[tick, world]).max(axis=-1).min()
             assert off < 5 * WAYPOINT_RAD
-        assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
+        assert (np.abs(guarded.executed_action[ticks, world]) <= 1.0).all()
 
 
 def test_an_arm_without_a_path_stands_still():

@@ -8,8 +8,8 @@ from numpy.testing import assert_array_equal
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.commands.preferences import (
-    FASTEST,
-    SLOWEST,
+    MAX_SPEED_FACTOR,
+    MIN_SPEED_FACTOR,
     AppliedRules,
     BiteTiming,
     CommandRules,
@@ -69,10 +69,10 @@ def drive(
 
 def test_the_layer_only_scales_the_actions_of_the_policy(rng: np.random.Generator) -> None:
     _, pacing = paced(rules())
-    for factor in np.linspace(SLOWEST, FASTEST, 9):
+    for factor in np.linspace(MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, 9):
         pacing.mode[:], pacing.speed_factor[:] = CONTINUING, factor
         actions = rng.normal(0.0, 1.5, (2, 7))
-        executed = pacing.apply(actions)
+        executed = pacing.override_within_step(actions)
         assert (np.abs(executed) <= np.minimum(1.0, factor * np.abs(np.clip(actions, -1, 1)))).all()
         assert (executed * actions >= 0.0).all()
 
@@ -175,7 +175,7 @@ def test_again_ends_a_withdrawal() -> None:
 
 def test_controllers_receive_the_latest_command() -> None:
     episodes, pacing = paced(rules())
-    pacing.take("slower", np.array([True, False]))
+    pacing.apply_command("slower", np.array([True, False]))
     episodes.step(np.zeros((2, 7)))
     seen = [dict(zip(COMMAND_INPUT, row, strict=True)) for row in episodes.loop.command_input()]
     assert (seen[0]["slower"], seen[1]["slower"]) == (1.0, 0.0)

@@ -132,8 +132,8 @@ def by_contact(batch: mujoco.batch.Batch, world: int) -> tuple[np.ndarray, int]:
 def loads(force_n: np.ndarray) -> RegionLoads:
     """Of forces (T, R) on one person, step by step."""
     watch = RegionLoadRecorder(1)
-    for read_n in force_n:
-        watch.add(read_n[None])
+    for read_forces_n in force_n:
+        watch.add(read_forces_n[None])
     return watch.loads()
 
 

@@ -38,14 +38,16 @@ class Problem:
     """What n worlds ask of the base: a tool that starts beside a person and goes to three places on an arm."""
 
     def __init__(self, rng: np.random.Generator, count: int = WORLDS, candidates: int = 100) -> None:
-        self.candidates = base_search.sample(RANGE, NOMINAL_M, 0.0, rng.random((count, 3 * candidates)))
+        self.candidates = base_search.sample_base_poses(
+            RANGE, NOMINAL_M, 0.0, rng.random((count, 3 * candidates))
+        )
         self.start_pos_w = np.array([-0.5, 0.0, 0.8]) + rng.uniform(-0.05, 0.05, (count, 3))
         self.start_q_w = np.tile(transforms.IDENTITY_QUATERNION, (count, 1))
         places = np.array([[-0.2, 0.0, 1.05], [-0.25, -0.15, 0.85], [-0.2, -0.35, 0.85]])
         self.goal_pos_w = places + rng.uniform(-0.06, 0.06, (count, 3, 3))
         self.goal_q_w: np.ndarray | None = np.tile(transforms.IDENTITY_QUATERNION, (count, 3, 1))
 
-    def search(
+    def search_base_pose(
         self,
         worlds: slice = slice(None),
         seed_pose: np.ndarray = SEED_POSE_RAD,
@@ -54,7 +56,7 @@ class Problem:
         candidates = BasePoses(self.candidates.pos_w[worlds], self.candidates.yaw_rad[worlds])
         goal_q = None if self.goal_q_w is None else self.goal_q_w[worlds]
         start_pos, start_q = self.start_pos_w[worlds], self.start_q_w[worlds]
-        return base_search.search(
+        return base_search.search_base_pose(
             CHAIN, candidates, start_pos, start_q, self.goal_pos_w[worlds], goal_q, seed_pose, path_cost
         )
 
@@ -68,7 +70,7 @@ def problem(rng) -> Problem:
 
 
 def test_candidates_fill_their_range(rng):
-    poses = base_search.sample(RANGE, (1.0, 2.0, 3.0), 0.5, rng.random((50, 300)))
+    poses = base_search.sample_base_poses(RANGE, (1.0, 2.0, 3.0), 0.5, rng.random((50, 300)))
     assert poses.pos_w.shape == (50, 100, 3)
     offsets = poses.pos_w - [1.0, 2.0, 3.0]
     assert_allclose(offsets.min(axis=(0, 1)), [-0.5, -0.5, 0.0], atol=0.01)
@@ -78,9 +80,9 @@ def test_candidates_fill_their_range(rng):
 
 def test_each_candidate_has_three_numbers_of_its_own():
     uniforms = np.full((1, 12), 0.5)
-    middle = base_search.sample(RANGE, NOMINAL_M, 0.0, uniforms)
+    middle = base_search.sample_base_poses(RANGE, NOMINAL_M, 0.0, uniforms)
     uniforms[0, 3:6] = 1.0
-    moved = base_search.sample(RANGE, NOMINAL_M, 0.0, uniforms)
+    moved = base_search.sample_base_poses(RANGE, NOMINAL_M, 0.0, uniforms)
     assert_array_equal((moved.pos_w != middle.pos_w).any(axis=-1), [[False, True, False, False]])
     assert_array_equal(moved.yaw_rad != middle.yaw_rad, [[False, True, False, False]])
 
@@ -171,7 +173,7 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
         return np.abs(yaw_rad)
 
     chosen = problem.search(path_cost=cost)
-    assert seen["yaw"].shape == (WORLDS, base_search.NUM_REHEARSED)
+    assert seen["yaw"].shape == (WORLDS, base_search.NUM_REHEARSALS)
     assert_array_equal(seen["yaw"][:, 0], plain.base.yaw_rad)
     assert_array_equal(np.abs(chosen.base.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
     assert chosen.reached.all()

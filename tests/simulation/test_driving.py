@@ -79,7 +79,7 @@ def test_furniture_stops_it(episodes):
     simulation = episodes.simulation
     for step in range(80):
         episodes.step(driving(episodes, 0.0, -1.0) if step < 30 else driving(episodes, 1.0, 0.0))
-    base_w, _ = simulation.current_base()
+    base_w, _ = simulation.base_pose()
     assert (base_w[:, 0] < -0.1).all()
 
 
@@ -99,7 +99,7 @@ def test_a_saved_state_continues_with_the_same_bits(episodes, rng):
 def test_an_operator_moves_the_hand_in_every_direction(episodes):
     """The base drives where the arm alone cannot move the hand."""
     simulation, hand = episodes.simulation, CartesianController(episodes.simulation)
-    base_q_w = simulation.current_base()[1][:1]
+    base_q_w = simulation.base_pose()[1][:1]
     j = action_jacobian(hand.chain, simulation.joint_positions()[:1], drives=True)[0]
     for direction in np.concatenate([np.eye(3), -np.eye(3)]):
         velocity_b = j[:3] @ (hand.action(direction, np.zeros(3)) * episodes.scene.speed_limit)

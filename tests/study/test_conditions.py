@@ -54,7 +54,7 @@ def test_preferences_apply_in_the_trials_of_the_conditions_that_say_so(tmp_path:
         assert (paced.policy, paced.sources) == ("revised", ("key",))
         assert (paced.preferences.speed, paced.preferences.force_share) == (0.75, 0.2)
         with pytest.raises(
-            StudyError, match="contradict the condition participant_paced: commands without stop"
+            StudyError, match="contradict the condition participant_paced: the commands do not contain stop"
         ):
             record_preferences(store, pseudonym, Preferences(commands=("ready",)))
         assert preferences_of(store, pseudonym) == paced.preferences

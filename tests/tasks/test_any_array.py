@@ -17,7 +17,7 @@ from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import GEOMS, JOINTS, RECLINED, SEATED, People
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
-from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
@@ -86,7 +86,7 @@ def people_from(uniforms: Any, distribution: str, impairment: str, task: str) ->
         population, population.pose_for_task(task, usual.pose), posture, None, uniforms[:, :of_people]
     )
     if population.partners is not None:
-        who = partners.apply_partner_bodies(who, population.partners.draw(uniforms[:, of_people:of_mind]))
+        who = partners.apply_partner_bodies(who, population.partners.sample(uniforms[:, of_people:of_mind]))
     return impairments.apply_impairment(
         who, impairments.find_impairment(impairment), uniforms[:, of_mind:of_impairment]
     )
@@ -202,7 +202,7 @@ def test_impaired_motion_is_equal_on_tensors(impairment: str) -> None:
     rest, targets = rng.normal(size=(2, WORLDS, len(JOINTS)))
 
     def moved(uniforms: Any, rest: Any, targets: Any) -> tuple[Any, ...]:
-        signs, state = motor_signs(impairment, uniforms), impaired_motion.initial_state(rest)
+        signs, state = sample_motor_signs(impairment, uniforms), impaired_motion.initial_state(rest)
         return tuple(impaired_motion.step(signs, state, targets, rest, 0.1))
 
     given = rng.random((WORLDS, impairments.NUM_UNIFORMS)), rest, targets

@@ -116,7 +116,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 @pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if "PR2" in name])
 def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(environment):
     episodes = reset_episodes(environment, 64)
-    pos_w, q_w = episodes.simulation.robot_base()
+    pos_w, q_w = episodes.simulation.initial_base_pose()
     half = episodes.scene.robot.half_width_m
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
     reach_w = pos_w[:, None] + transforms.rotate(q_w[:, None], corners)

@@ -26,7 +26,7 @@ def cost_m(episodes: Episodes, goal_w: np.ndarray) -> np.ndarray:
     rehearsal = Rehearsal(
         episodes.scene, chain, episodes.people, state.tool_pos_w, q_w, goal_w[:, None], q_w[:, None]
     )
-    base_w, base_q_w = episodes.simulation.robot_base()
+    base_w, base_q_w = episodes.simulation.initial_base_pose()
     yaw_rad = transforms.to_rotation_vector(base_q_w)[:, 2:]
     return rehearsal(base_w[:, None], yaw_rad, episodes.simulation.joint_positions()[:, None])[:, 0]
 

@@ -225,7 +225,7 @@ def test_a_chosen_base_replaces_the_search() -> None:
     pose = (-0.8, -0.2, 5.0)
     episodes = Episodes("avrgym/FeedingPR2-v1", 3, num_threads=1, settings=Settings(robot_pose=pose))
     episodes.reset(np.arange(3), [random_streams.episode(seed) for seed in range(3)])
-    pos_w, q_w = episodes.simulation.robot_base()
+    pos_w, q_w = episodes.simulation.initial_base_pose()
     np.testing.assert_allclose(pos_w[:, :2], [pose[:2]] * 3)
     np.testing.assert_allclose(2.0 * np.degrees(np.arctan2(q_w[:, 3], q_w[:, 0])), pose[2])
 

@@ -101,7 +101,7 @@ def test_the_person_rises_with_the_furniture(
     seen = state_in_frame(raised.simulation.state(), frame, 1)
     np.testing.assert_allclose(seen.head_pos_w, raised_w - [0.0, 0.0, rise_m], atol=1e-9)
     on_seat = not default.scene.mount.on_floor and default.scene.posture.seated
-    base_m = [each.simulation.robot_base()[0][:, 2] for each in (default, raised)]
+    base_m = [each.simulation.initial_base_pose()[0][:, 2] for each in (default, raised)]
     np.testing.assert_allclose(base_m[1] - base_m[0], rise_m if on_seat else 0.0, atol=1e-9)
 
 

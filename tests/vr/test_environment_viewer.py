@@ -192,7 +192,7 @@ def test_an_unknown_name_is_rejected_at_the_start():
 @pytest.mark.slow
 def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits far below contact make the guard hold every arm that approaches the person."""
-    monkeypatch.setattr("avrgym.safety.force_guard.GUARD_SHARE", 1e-6)
+    monkeypatch.setattr("avrgym.safety.force_guard.INTERVENTION_SHARE", 1e-6)
     ends: list[np.ndarray] = []
     for force_guard in (False, True):
         watcher = Watcher("avrgym/FeedingJaco-v1", "oracle", force_guard=force_guard)

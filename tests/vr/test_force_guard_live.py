@@ -14,7 +14,7 @@ from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.playback import region_loads
 from avrgym.replay.verification import verify
-from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT, RELEASE_EVENT
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_SHARE, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
@@ -85,7 +85,7 @@ def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, un
         if name == INTERVENTION_EVENT:
             region, force, unit, *_, limit, _ = detail.split()
             assert unit == "N,"
-            assert float(force) > GUARD_SHARE * limits[region]
+            assert float(force) > INTERVENTION_SHARE * limits[region]
             assert float(limit) == limits[region]
 
 
@@ -97,7 +97,7 @@ def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Tri
         assert all(status.force_region in names for status in pressed)
         rest = [status for status in trial.statuses if not status.force_share]
         assert {(status.force_region, status.retracting) for status in rest} <= {("", False), ("", True)}
-    assert max(status.force_share for status in unguarded.statuses) > GUARD_SHARE
+    assert max(status.force_share for status in unguarded.statuses) > INTERVENTION_SHARE
     assert all(status.phase == "trial" for status in guarded.statuses if status.retracting)
 
 
@@ -105,7 +105,7 @@ def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> N
     peaks = [
         (region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max() for trial in (guarded, unguarded)
     ]
-    assert GUARD_SHARE < peaks[0] < peaks[1]
+    assert INTERVENTION_SHARE < peaks[0] < peaks[1]
 
 
 def test_what_the_guard_makes_of_an_action_is_what_is_recorded(guarded: Trial, unguarded: Trial) -> None:

@@ -22,7 +22,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.writer import RecordingWriter
 from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.brakes import HOLDING_FACTOR
-from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.safety.retreat import MAX_DURATION_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
@@ -254,7 +254,7 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 
 def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
     simulation = reset_episodes(ENVIRONMENT, 1).simulation
-    fastest = max_impact_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    fastest = max_impact_speed_m_s(INTERVENTION_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
     limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
     events = [event for recording in whole.recordings() for _, event in recording.topics["/events"]]
     details = [

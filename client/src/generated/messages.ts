@@ -18,7 +18,7 @@ export const FORCE_LIMITS_N: Readonly<Record<string, number>> = {"skull": 130.0,
 
 export type InputMethod = "controllers" | "experimenter" | "hands" | "head" | "left-hand" | "one-switch" | "right-hand" | "two-switches";
 
-export type StopWay = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
+export type StopInput = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
 
 export type ClientSource = "button" | "dwell" | "key" | "switch";
 
@@ -361,7 +361,7 @@ export interface Input {
   select_key: string;
   resting_arms: Arm[];
   absent_arms: Arm[];
-  stops: StopWay[] | null;
+  stops: StopInput[] | null;
   presentation: Presentation;
 }
 

@@ -1,4 +1,4 @@
-import type { Arm, ClientSource, Input, InputMethod, Presentation, StopWay } from "../generated/messages";
+import type { Arm, ClientSource, Input, InputMethod, Presentation, StopInput } from "../generated/messages";
 import type { InputKind } from "./input-kind";
 
 /** The default presentation of texts; see `recording/presentation.py`. */
@@ -46,7 +46,7 @@ export function pointsWith(profile: Input, { handedness }: Pick<XRInputSource, "
 }
 
 /** Whether the participant stops the robot in this way. */
-export function stopsBy({ stops }: Input, way: StopWay): boolean {
+export function stopsBy({ stops }: Input, way: StopInput): boolean {
   return stops?.includes(way) ?? false;
 }
 

@@ -6,7 +6,7 @@ from statistics import fmean
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, number_text, table, tag
 from avrgym.analysis.reading.commands import CommandRow
 from avrgym.analysis.reading.rows import TrialRow
-from avrgym.commands.preferences import in_words
+from avrgym.commands.preferences import describe_preferences
 from avrgym.study.design.design import Condition, Design
 
 COMMANDS_METHOD = (
@@ -61,7 +61,7 @@ def describe_condition(rules: Condition) -> str:
     if rules.settings.changed:
         words.append(f"settings {rules.settings}")
     described = f"{'; '.join(words)}."
-    return f"{described} {in_words(rules.defaults)}" if rules.layered else described
+    return f"{described} {describe_preferences(rules.defaults)}" if rules.uses_pacing_layer else described
 
 
 def _cells(

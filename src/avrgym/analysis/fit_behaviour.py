@@ -25,7 +25,7 @@ from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people import motor
 from avrgym.people.motor import SPEED_RAD_S, STARTLE_SPEED_FACTOR, STARTLED_FOLLOW, USUAL_SPEED_SHARE
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import ANY_VALUE, BOUNDS, parameters_of
+from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, parameters_of
 
 MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.35, 0.2),
@@ -33,8 +33,8 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "approach_share": (0.7, 0.5),
     "speed_share": (0.9, 0.4),
     "startle_deg": (4.0, 8.0),
-    "startle_m": (0.2, 0.07),
-    "startle_s": (1.0, 0.5),
+    "startle_distance_m": (0.2, 0.07),
+    "startle_duration_s": (1.0, 0.5),
 }
 """Parameters of movements, with means and standard deviations of weak priors. They cover the zoo. A parameter without
 information in a participant's trials, for example because the tool never came near, keeps the prior's variance."""
@@ -44,9 +44,9 @@ SWAY_HZ, TREMOR_HZ = (0.05, 0.6), (3.5, 12.0)
 """Frequencies at which sway and tremor are searched. Tremor is that of 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
 2018)."""
 _GRID = [
-    {"reaction_s": reaction_s, "startle_deg": startle_deg, "startle_m": startle_m}
+    {"reaction_s": reaction_s, "startle_deg": startle_deg, "startle_distance_m": startle_distance_m}
     for reaction_s in (0.2, 0.35, 0.55, 0.8)
-    for startle_deg, startle_m in ((0.5, 0.2), (10.0, 0.14), (10.0, 0.2), (10.0, 0.26))
+    for startle_deg, startle_distance_m in ((0.5, 0.2), (10.0, 0.14), (10.0, 0.2), (10.0, 0.26))
 ]
 _NAMES = tuple(MOVEMENT_PRIORS)
 _STEPS = np.array([0.02, 0.02, 0.02, 0.02, 0.5, 0.01, 0.1])
@@ -56,7 +56,7 @@ _SHOWN = slice(len(CHANNELS))
 SIDEWAYS_SWAY = 0.7
 """Frequency of sway to the sides relative to that forwards and backwards, as in ``people.motor``."""
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
-_LOW, _HIGH = np.array([BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
+_LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
 _EVERY = SUBSTEPS // 2
 """The least-squares method compares every fifth angle: 20 a second."""
 LAG_TICKS = 2
@@ -75,11 +75,11 @@ class FittedBehaviour:
     parameters: Mapping[str, Shrunken]
 
     def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
-        """Returns the posterior mean and standard deviation of each participant's parameters, within ``BOUNDS``."""
+        """Returns the posterior mean and standard deviation of each participant's parameters, within ``PARAMETER_BOUNDS``."""
         return tuple(
             {
                 name: (
-                    round(float(np.clip(each.mean[row], *BOUNDS.get(name, ANY_VALUE))), 4),
+                    round(float(np.clip(each.mean[row], *PARAMETER_BOUNDS.get(name, ANY_VALUE))), 4),
                     round(float(each.deviation[row]), 4),
                 )
                 for name, each in self.parameters.items()

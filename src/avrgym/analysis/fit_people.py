@@ -23,7 +23,7 @@ from avrgym.analysis.fit_behaviour import FittedBehaviour, fit_behaviour
 from avrgym.analysis.recorded_motion import RecordedMotion, read_motion
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
-from avrgym.people.people_file import PeopleFile, Range, Source, TorsoHeights
+from avrgym.people.people_file import FittedStudy, PeopleFile, TorsoHeights, ValueRange
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
@@ -107,7 +107,7 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
             f"{folder}: a range needs at least 2 participants with completed trials, found {len(sexes)}{broken}"
         )
     men = list(sexes.values()).count("man")
-    source = Source(title, men, len(sexes) - men, len(trials), simulated)
+    source = FittedStudy(title, men, len(sexes) - men, len(trials), simulated)
     motions = [trial.motion for trial in trials if trial.motion is not None]
     behaviour = fit_behaviour(motions) if len({each.participant for each in motions}) > 1 else None
     remarks = _remarks(source) + _behaviour_remarks(behaviour)
@@ -131,7 +131,7 @@ def _toml_text(fit: FittedPeople) -> str:
     return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
 
 
-def covering_range(values: Sequence[float], limits: Range) -> Range:
+def covering_range(values: Sequence[float], limits: ValueRange) -> ValueRange:
     """Returns the covering range (see the module docstring) of two or more values, clipped to ``limits``."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
@@ -216,7 +216,9 @@ def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray
 # Fitting ------------------------------------------------------------------------------------------------------
 
 
-def _fitted(trials: Sequence[TrialPose], source: Source, behaviour: FittedBehaviour | None) -> PeopleFile:
+def _fitted(
+    trials: Sequence[TrialPose], source: FittedStudy, behaviour: FittedBehaviour | None
+) -> PeopleFile:
     moving = bool(
         np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials))
         > MIN_VOLUNTARY_MOTION_DEG
@@ -239,7 +241,7 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
     return [float(np.mean(own)) for own in values_by_participant.values()]
 
 
-def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
+def _heights(trials: Sequence[TrialPose], sex: Sex) -> ValueRange:
     """Returns the range of torso heights of one sex in metres.
 
     If fewer than two participants have this sex, the range is that of all participants.
@@ -250,14 +252,14 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
     return round(low, 4), round(high, 4)
 
 
-def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
+def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, ValueRange]:
     """Returns the range of each joint in degrees; empty if there are fewer than two participants.
 
     If people move in trials (``moving``), joint angles are means of the beginning, otherwise of whole trials.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
-    ranges: dict[str, Range] = {}
+    ranges: dict[str, ValueRange] = {}
     for name in FITTED_JOINTS:
         angles = (
             (t.participant, (t.beginning_deg if moving else t.mean_deg)[JOINT_INDEX[name]]) for t in trials
@@ -268,7 +270,7 @@ def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
     return ranges
 
 
-def _remarks(source: Source) -> str:
+def _remarks(source: FittedStudy) -> str:
     who = "simulated participants" if source.simulated else "participants"
     lines = [
         f"People fitted by `avrgym fit-people` to {source.participants} {who} of the study {source.study!r}.",

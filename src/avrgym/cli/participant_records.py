@@ -11,7 +11,7 @@ from avrgym.cli.activity_log import log
 from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
-from avrgym.commands.input_names import METHODS, STOP_WAYS
+from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
 from avrgym.recording.respondents import ANSWERING
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def data_protection(folder: Folder) -> None:
 def change_input(
     folder: Folder,
     participant: Pseudonym,
-    method: Annotated[str | None, typer.Option(help=f"How they select: {', '.join(METHODS)}.")] = None,
+    method: Annotated[str | None, typer.Option(help=f"How they select: {', '.join(INPUT_METHODS)}.")] = None,
     dwell: Annotated[
         float | None, typer.Option("--dwell", help="head: seconds until the ring is full, 0.5 to 3.")
     ] = None,
@@ -260,7 +260,7 @@ def change_input(
         list[str] | None, typer.Option(help="An amputated arm: left or right; repeatable.")
     ] = None,
     stop: Annotated[
-        list[str] | None, typer.Option(help=f"How they stop: {', '.join(STOP_WAYS)}; repeatable.")
+        list[str] | None, typer.Option(help=f"How they stop: {', '.join(STOP_INPUTS)}; repeatable.")
     ] = None,
     text: Annotated[
         float | None, typer.Option("--text", help="Font size of items in VR, degrees: 1 to 3.")
@@ -367,7 +367,7 @@ def preferences(
     Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands and sources. They apply in the
     conditions with preferences = true.
     """
-    from avrgym.commands.preferences import Preferences, change_preferences, in_words
+    from avrgym.commands.preferences import Preferences, change_preferences, describe_preferences
     from avrgym.study.people.participants import participant_texts
     from avrgym.study.people.preferences import preferences_of, record_preferences
     from avrgym.study.storage.store import Store
@@ -379,7 +379,7 @@ def preferences(
             own = change_preferences(own, change)
             record_preferences(store, participant, own)
             log(store, "record preferences", participant)
-    print_line(in_words(own, texts.language))
+    print_line(describe_preferences(own, texts.language))
 
 
 def respondent(

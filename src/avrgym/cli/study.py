@@ -34,7 +34,7 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.commands.input_names import METHODS
+from avrgym.commands.input_names import INPUT_METHODS
 from avrgym.models.body_names import SEXES
 from avrgym.recording.respondents import CONSENT_ROLES
 
@@ -136,7 +136,7 @@ def enrol(
     method: Annotated[
         str,
         typer.Option(
-            "--input", help=f"How they select: {', '.join(METHODS)}. `study input` sets the details."
+            "--input", help=f"How they select: {', '.join(INPUT_METHODS)}. `study input` sets the details."
         ),
     ] = "",
 ) -> None:

@@ -7,8 +7,8 @@ the head in alternating directions, a shake the same about its vertical axis. Th
 
 - A turn of the head is a single swing, and looking back another one.
 - Swings about the other axes must be at most half as large: people who look about turn about several axes.
-- Swings slower than ``SLOWEST_HZ`` or faster than ``FASTEST_HZ`` do not count. Tremor of the head has 4 to 12 Hz
-  (Bhatia et al., Mov. Disord. 33:75, 2018).
+- Swings slower than ``MIN_GESTURE_HZ`` or faster than ``MAX_GESTURE_HZ`` do not count. Tremor of the head has 4 to 12
+  Hz (Bhatia et al., Mov. Disord. 33:75, 2018).
 - Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
 """
 
@@ -21,11 +21,12 @@ from avrgym.commands.preferences import Thresholds
 from avrgym.geometry import transforms
 
 SAMPLE_S = 0.04
-"""Minimum interval of samples. Headsets with 50 to 120 frames a second then give 22 to 25 samples a second."""
+"""Minimum sampling interval. Headsets with 50 to 120 frames a second then give 22 to 25 samples a second."""
 WINDOW_S = 1.5
-SLOWEST_HZ, FASTEST_HZ = 1.4, 3.5
+"""Duration of the time window in which a gesture is detected."""
+MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
 """Frequencies of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
-DOMINANCE = 2.0
+MIN_AXIS_RATIO = 2.0
 """Smallest ratio of the swings about the axis of a gesture to those about the other axes."""
 PAUSE_S = 1.5
 """Minimum time between two gestures of a head."""
@@ -35,7 +36,7 @@ Gesture = Literal["nod", "shake"]
 
 
 class HeadGestures:
-    """Detects nods and shakes of N heads in a stream of orientations."""
+    """Detects nods and shakes from a stream of the orientations of N heads."""
 
     def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
@@ -44,10 +45,10 @@ class HeadGestures:
         self._quiet_until_s = np.full(heads, -np.inf)
 
     def update(self, q: FloatArray, time_s: float) -> dict[Gesture, BoolArray]:
-        """Take the orientations of the heads. Returns the masks (N,) of heads that have just completed a gesture.
+        """Process the current orientations. Returns masks (N,) of the heads that complete a gesture, by gesture.
 
         Args:
-            q: (N, 4) quaternions w, x, y, z, in any fixed frame. The axes of the head are x to its side, y up.
+            q: (N, 4) quaternions w, x, y, z, in any fixed frame. The head's x axis points to its side, its y axis up.
             time_s: time of the measurement. Measurements that follow too early are ignored.
         """
         if time_s - self._latest_s < SAMPLE_S - 1e-6:
@@ -59,15 +60,15 @@ class HeadGestures:
         self._count += 1
         if self._count < _SAMPLES:
             return {}
-        swings = swings_of(self._q, np.radians(self._thresholds.swing_deg))
+        swings = find_swings(self._q, np.radians(self._thresholds.swing_deg))
         found: dict[Gesture, BoolArray] = {}
         names: tuple[Gesture, ...] = ("nod", "shake")
         for axis, name in enumerate(names):
             others = np.delete(swings.extent_rad, axis, axis=1).max(axis=-1)
             done = swings.number[:, axis] >= self._thresholds.swings
-            done &= swings.duration_s[:, axis] >= 0.5 / FASTEST_HZ
-            done &= swings.duration_s[:, axis] <= 0.5 / SLOWEST_HZ
-            done &= swings.extent_rad[:, axis] >= DOMINANCE * others
+            done &= swings.duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
+            done &= swings.duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
+            done &= swings.extent_rad[:, axis] >= MIN_AXIS_RATIO * others
             done &= time_s >= self._quiet_until_s
             self._quiet_until_s = np.where(done, time_s + PAUSE_S, self._quiet_until_s)
             found[name] = done
@@ -82,8 +83,8 @@ class Swings(NamedTuple):
     extent_rad: FloatArray
 
 
-def swings_of(q: FloatArray, swing_rad: float) -> Swings:
-    """Returns the swings in a window: motions in one direction of at least ``swing_rad``.
+def find_swings(q: FloatArray, swing_rad: float) -> Swings:
+    """Find the swings in a time window. A swing is a rotation in one direction by at least ``swing_rad``.
 
     Args:
         q: (N, T, 4) orientations at intervals of ``SAMPLE_S``.
@@ -117,19 +118,19 @@ class GazeTimer:
         self.facing_s, self.away_s = np.zeros(heads), np.zeros(heads)
 
     def update(self, angle_rad: FloatArray, step_s: float) -> None:
-        """Take the angles (N,) between the direction of the head and the tool after a time step."""
+        """Process the angles (N,) between the heads' directions and the tool after a time step."""
         facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
         self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
         self.away_s = np.where(facing, 0.0, self.away_s + step_s)
 
-    def looks(self) -> BoolArray:
-        """Boolean mask (N,): heads that have faced the tool for ``gaze_s``. Their time begins again."""
+    def completed_looks(self) -> BoolArray:
+        """Returns a mask (N,) of the heads that have faced the tool for ``gaze_s``. Resets their timers."""
         due = self.facing_s >= self._thresholds.gaze_s
         self.facing_s = np.where(due, 0.0, self.facing_s)
         return due
 
-    def looks_away(self) -> BoolArray:
-        """Boolean mask (N,): heads that have not faced the tool for ``gaze_s``. Their time begins again."""
+    def completed_looks_away(self) -> BoolArray:
+        """Returns a mask (N,) of the heads that have not faced the tool for ``gaze_s``. Resets their timers."""
         due = self.away_s >= self._thresholds.gaze_s
         self.away_s = np.where(due, 0.0, self.away_s)
         return due

@@ -5,6 +5,6 @@ from typing import Literal, get_args
 InputMethod = Literal[
     "controllers", "hands", "left-hand", "right-hand", "head", "one-switch", "two-switches", "experimenter"
 ]
-METHODS: tuple[InputMethod, ...] = get_args(InputMethod)
-StopWay = Literal["buttons", "palm", "gaze", "switch", "experimenter"]
-STOP_WAYS: tuple[StopWay, ...] = get_args(StopWay)
+INPUT_METHODS: tuple[InputMethod, ...] = get_args(InputMethod)
+StopInput = Literal["buttons", "palm", "gaze", "switch", "experimenter"]
+STOP_INPUTS: tuple[StopInput, ...] = get_args(StopInput)

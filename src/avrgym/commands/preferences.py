@@ -11,17 +11,17 @@ from msgspec import Meta
 
 from avrgym.commands.vocabulary import COMMANDS, CommandName, Source, commands_of
 
-SLOWEST, FASTEST, SPEED_STEP = 0.25, 1.25, 0.25
-"""Limits of the speed factor, and its change by ``slower`` and ``faster``. Joint speeds stay within their limits."""
-NEAREST_M, FARTHEST_M, DISTANCE_STEP_M = 0.05, 0.40, 0.05
-"""Limits of the waiting distance, and its change by ``closer`` and ``farther``."""
+MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_STEP = 0.25, 1.25, 0.25
+"""Minimum and maximum speed factor, and its change by the commands ``slower`` and ``faster``."""
+MIN_DISTANCE_M, MAX_DISTANCE_M, DISTANCE_STEP_M = 0.05, 0.40, 0.05
+"""Minimum and maximum waiting distance, and its change by the commands ``closer`` and ``farther``."""
 STANDARD_FORCE_SHARE = 0.5
 """Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
 
-Side = Literal["any", "left", "right"]
+PreferredSide = Literal["any", "left", "right"]
 BiteTiming = Literal["on_cue", "after_swallowing", "with_company"]
-Speed = Annotated[float, Meta(ge=SLOWEST, le=FASTEST)]
-Distance = Annotated[float, Meta(ge=NEAREST_M, le=FARTHEST_M)]
+Speed = Annotated[float, Meta(ge=MIN_SPEED_FACTOR, le=MAX_SPEED_FACTOR)]
+Distance = Annotated[float, Meta(ge=MIN_DISTANCE_M, le=MAX_DISTANCE_M)]
 
 
 class Thresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -34,17 +34,23 @@ class Thresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     gaze_deg: Annotated[float, Meta(ge=5, le=45)] = 20.0
     """Largest angle between the direction of the head and the tool when the participant looks at the tool."""
     gaze_s: Annotated[float, Meta(ge=0.5, le=5)] = 1.5
-    """Time of looking at or away from the tool until a command."""
+    """Duration of looking at the tool, or away from it, that gives a command."""
 
 
 class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """A participant's preferences. ``None``: the value of the condition.
 
-    ``speed``: factor of the policy's speed. ``distance_m``: distance of the tool from mouth or arm at the waiting pose.
-    ``side``: side of the participant at which the robot waits. ``bite_timing``: the robot continues from the waiting
-    pose after ``ready`` (``on_cue``); by itself after ``pause_s`` (``after_swallowing``); or by itself after this time
-    when the head also faces the tool, not the company (``with_company``). ``force_share``: share of the standard's
-    force limits at which the force guard acts.
+    Attributes:
+        speed: factor of the policy's speed.
+        distance_m: distance between tool and mouth or arm at the waiting pose.
+        side: side of the participant on which the robot waits.
+        bite_timing: condition for leaving the waiting pose. ``on_cue``: the command ``ready``. ``after_swallowing``:
+            ``pause_s`` has passed. ``with_company``: ``pause_s`` has passed and the head faces the tool.
+        pause_s: see ``bite_timing``.
+        force_share: share of the force limits of ISO/TS 15066 at which the force guard retracts the arm.
+        commands, sources: selected commands and their sources.
+        thresholds: thresholds of head gestures and gaze.
+
 
     Raises:
         ValueError: for values that are out of range or contradict each other.
@@ -52,7 +58,7 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
 
     speed: Speed = 1.0
     distance_m: Distance = 0.15
-    side: Side = "any"
+    side: PreferredSide = "any"
     bite_timing: BiteTiming = "on_cue"
     pause_s: Annotated[float, Meta(ge=0.5, le=60)] = 4.0
     force_share: float = STANDARD_FORCE_SHARE
@@ -68,11 +74,11 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
             )
         for name, values in (("commands", self.commands), ("sources", self.sources)):
             if values is not None and len(set(values)) < len(values):
-                raise ValueError(f"{name} contains a name twice; allowed: once")
+                raise ValueError(f"{name} contains a name twice; allowed: each name once")
 
     @property
     def continues_by_itself(self) -> bool:
-        """Whether the robot leaves its waiting pose without a command."""
+        """Whether the robot leaves its waiting pose without the command ``ready``."""
         return self.bite_timing != "on_cue"
 
 
@@ -80,7 +86,7 @@ DEFAULT_PREFERENCES = Preferences()
 
 
 def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Preferences:
-    """Returns preferences with changes from texts ``name=value``. Lists are words with commas between.
+    """Returns preferences with changes from texts ``name=value``. Items of lists are separated by commas.
 
     Raises:
         ValueError: for an unknown name, or a value that is not allowed.
@@ -100,11 +106,11 @@ def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Pref
 
 
 class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """The rules of a condition: the policy, and how participants can influence the robot.
+    """Rules of a condition: the policy, and the commands with which participants influence the robot.
 
-    ``commands`` and ``sources``: the allowed ones; without commands the robot is autonomous. ``pacing``: the pacing
-    layer executes the commands; ``false``: only the controller receives them. ``preferences``: the participants' own
-    preferences apply.
+    ``commands`` and ``sources`` are allowed. Without commands the robot is autonomous. ``pacing``: whether the pacing
+    layer executes the commands; otherwise only the controller receives them. ``preferences``: whether the
+    participants' preferences replace ``defaults``.
     """
 
     policy: str
@@ -116,13 +122,13 @@ class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     thresholds: Thresholds = Thresholds()
 
     @property
-    def layered(self) -> bool:
+    def uses_pacing_layer(self) -> bool:
         """Whether the control loop contains the pacing layer."""
         return bool(self.commands) or self.preferences or self.defaults != DEFAULT_PREFERENCES
 
 
 class AppliedRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
-    """The rules of one trial: those of the condition with the participant's preferences."""
+    """Rules of one trial: the rules of the condition with the participant's preferences."""
 
     policy: str
     commands: tuple[CommandName, ...]
@@ -131,8 +137,8 @@ class AppliedRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True
     preferences: Preferences
     thresholds: Thresholds
 
-    def refusal(self, command: CommandName, source: Source) -> str:
-        """Returns the reason why a command is ignored; empty if it is allowed."""
+    def rejection_reason(self, command: CommandName, source: Source) -> str:
+        """Returns the reason why a command is rejected; empty if it is allowed."""
         if source not in self.sources:
             allowed = ", ".join(self.sources) or "none"
             return f"{source} is not a source of commands in this trial; allowed: {allowed}"
@@ -158,20 +164,22 @@ def apply_preferences(rules: CommandRules, own: Preferences | None) -> AppliedRu
         preferences=preferences,
         thresholds=preferences.thresholds or rules.thresholds,
     )
-    fault = contradiction(applied)
+    fault = find_contradiction(applied)
     if fault:
         raise ValueError(fault)
     return applied
 
 
-def contradiction(rules: AppliedRules) -> str:
+def find_contradiction(rules: AppliedRules) -> str:
     """Returns the first contradiction in the rules of a trial; empty without one."""
     if not rules.commands:
-        return "" if not rules.sources else "sources without commands; allowed: both or neither"
+        return (
+            "" if not rules.sources else "the condition has sources but no commands; allowed: both or neither"
+        )
     if "stop" not in rules.commands:
-        return "commands without stop; allowed: sets that contain stop"
+        return "the commands do not contain stop; add stop"
     if not rules.sources:
-        return "commands without a source; allowed: one source or more"
+        return "the condition has commands but no source; allowed: one source or more"
     given = {command for source in rules.sources for command in commands_of(source)}
     if (
         rules.pacing
@@ -179,8 +187,8 @@ def contradiction(rules: AppliedRules) -> str:
         and "ready" not in given & {*rules.commands}
     ):
         return (
-            "the robot waits for ready, but no source gives it; allowed: a source of ready, or bite_timing "
-            "after_swallowing or with_company"
+            "the robot waits for the command ready, but no source gives it; add a source of ready, or set bite_timing "
+            "to after_swallowing or with_company"
         )
     return ""
 
@@ -192,7 +200,7 @@ def _chosen(name: str, allowed: Sequence[Any], wanted: Sequence[Any] | None) -> 
     other = [each for each in wanted if each not in allowed]
     if other and allowed:
         raise ValueError(
-            f"{name} of the preferences contain {other[0]}; allowed in this condition: {', '.join(allowed)}"
+            f"{name} of the preferences contains {other[0]}; allowed in this condition: {', '.join(allowed)}"
         )
     return tuple(each for each in allowed if each in wanted)
 
@@ -225,8 +233,8 @@ _WORDS: dict[str, dict[str, str]] = {
 }
 
 
-def in_words(preferences: Preferences, language: str = "en") -> str:
-    """Returns the preferences as sentences for the participant, in German or else in English."""
+def describe_preferences(preferences: Preferences, language: str = "en") -> str:
+    """Returns the preferences as sentences for the participant. Languages other than German give English."""
     words = _WORDS.get(language.partition("-")[0], _WORDS["en"])
     keys: Collection[str] = ("speed", "distance", preferences.bite_timing, "force")
     if preferences.commands is not None:

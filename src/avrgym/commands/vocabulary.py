@@ -18,7 +18,7 @@ gamepad, a key, or another person."""
 
 @dataclass(frozen=True)
 class RobotCommand:
-    """A command: its meaning, and its label by language."""
+    """A command to the robot: its meaning, and its label by language."""
 
     meaning: str
     labels: Mapping[str, str]
@@ -49,7 +49,7 @@ COMMANDS: Mapping[CommandName, RobotCommand] = {
     ),
     "stop": RobotCommand("the robot stops immediately, and the attempt ends", {"en": "Stop", "de": "Stopp"}),
 }
-"""The vocabulary, in the order of buttons and keys."""
+"""All commands by name, in the order of buttons and keys."""
 COMMAND_NAMES: tuple[CommandName, ...] = get_args(CommandName)
 COMMAND_INDEX: Mapping[str, int] = {name: index for index, name in enumerate(COMMAND_NAMES)}
 HEAD_SOURCES: tuple[HeadSource, ...] = get_args(HeadSource)
@@ -62,7 +62,7 @@ LIMITED_SOURCES: Mapping[str, tuple[CommandName, ...]] = {
     "shake": ("wait",),
     "gaze": ("ready", "wait"),
 }
-"""Commands of the sources that cannot give every command."""
+"""Allowed commands of sources that cannot give every command."""
 
 
 def commands_of(source: Source) -> tuple[CommandName, ...]:

@@ -133,7 +133,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     drawn = random_streams.benchmark_actions(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
-    actions = to_device_of(drawn, episodes.simulation.exemplar)
+    actions = to_device_of(drawn, episodes.simulation.example_array)
     began = perf_counter()
     _reset(episodes, seed)
     reset_s = perf_counter() - began

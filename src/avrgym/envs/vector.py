@@ -139,13 +139,13 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             ValueError: if the number of seeds is not N, or for an invalid mask.
             gymnasium.error.ResetNeeded: if the mask of the first reset does not include all worlds.
         """
-        which = reset_mask(options, self.num_envs)
-        if self._now is None and not which.all():
+        world_mask = reset_mask(options, self.num_envs)
+        if self._now is None and not world_mask.all():
             raise ResetNeeded("the first reset must include all worlds")
-        self._random.reseed(seed, which)
-        self._ended = self._ended & ~which
-        start = self._begin(which)
-        return self._observed(start), infos(start, which)
+        self._random.reseed(seed, world_mask)
+        self._ended = self._ended & ~world_mask
+        start = self._begin(world_mask)
+        return self._observed(start), infos(start, world_mask)
 
     def step(
         self, actions: Float32Array
@@ -198,9 +198,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 'call reset(options={"reset_mask": mask}) to start new ones'
             )
 
-    def _begin(self, which: BoolArray) -> Step:
+    def _begin(self, world_mask: BoolArray) -> Step:
         """Start episodes in the worlds of a mask (N,). Returns the current step of all worlds."""
-        ids = np.nonzero(which)[0]
+        ids = np.nonzero(world_mask)[0]
         if not len(ids) and self._now is not None:
             return self._now
         self._steps[ids] = 0
@@ -209,7 +209,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 self._views.pop(world).close()
         self.episodes.reset(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.evaluate_state()
-        self._now = start if self._now is None else merge_steps(which, start, self._now)
+        self._now = start if self._now is None else merge_steps(world_mask, start, self._now)
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:

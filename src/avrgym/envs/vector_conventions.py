@@ -26,7 +26,7 @@ class RandomStreams:
         self.generators = [generator for generator, _ in made]
         self.seeds: list[int] = [seed for _, seed in made]
 
-    def reseed(self, seed: Seeds, which: BoolArray) -> None:
+    def reseed(self, seed: Seeds, world_mask: BoolArray) -> None:
         """Seed the generators of the worlds in a mask (N,).
 
         With one seed, world i gets seed + i. With a list, world i gets the i-th seed; None does not change its
@@ -37,7 +37,7 @@ class RandomStreams:
             gymnasium.error.Error: for a negative seed.
         """
         wanted = self._one_each(seed)
-        made = {i: seeding.np_random(wanted[i]) for i in np.nonzero(which)[0] if wanted[i] is not None}
+        made = {i: seeding.np_random(wanted[i]) for i in np.nonzero(world_mask)[0] if wanted[i] is not None}
         for i, (generator, made_from) in made.items():
             self.generators[i], self.seeds[i] = generator, made_from
 
@@ -91,19 +91,21 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     return mask
 
 
-def merge_steps(which: BoolArray, some: Step, others: Step) -> Step:
-    """Combine two steps: ``some`` in the worlds of the mask ``which`` (N,), ``others`` in all other worlds."""
-    terms = {name: _where(which, term, others.reward_terms[name]) for name, term in some.reward_terms.items()}
+def merge_steps(world_mask: BoolArray, some: Step, others: Step) -> Step:
+    """Combine two steps: ``some`` in the worlds of the mask ``world_mask`` (N,), ``others`` in all other worlds."""
+    terms = {
+        name: _where(world_mask, term, others.reward_terms[name]) for name, term in some.reward_terms.items()
+    }
     parts: dict[str, Any] = {
-        field.name: _where(which, getattr(some, field.name), getattr(others, field.name))
+        field.name: _where(world_mask, getattr(some, field.name), getattr(others, field.name))
         for field in fields(Step)
         if field.name != "reward_terms" and getattr(some, field.name) is not None
     }
     return Step(reward_terms=terms, **parts)
 
 
-def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray:
-    return np.where(which.reshape(-1, *[1] * (some.ndim - 1)), some, others)
+def _where(world_mask: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray:
+    return np.where(world_mask.reshape(-1, *[1] * (some.ndim - 1)), some, others)
 
 
 def infos(step: Step, of: BoolArray) -> dict[str, Any]:

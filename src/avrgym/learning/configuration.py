@@ -12,7 +12,7 @@ from avrgym.networks.policy import FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ORIGINAL, REVISED, TRAIN_ZOO
-from avrgym.people.populations import is_trained, transferred_people
+from avrgym.people.populations import is_trained_human, people_for_workers
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_atomically
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -315,8 +315,8 @@ def store_people(people: str, out: Path) -> None:
         return
     copy = out / PEOPLE
     if not Path(people).is_dir():
-        copy = copy.with_suffix(FILE_SUFFIX if is_trained(people) else PEOPLE_SUFFIX)
-    transferred_people(people).write(copy)
+        copy = copy.with_suffix(FILE_SUFFIX if is_trained_human(people) else PEOPLE_SUFFIX)
+    people_for_workers(people).write(copy)
 
 
 def stored_people(people: str, out: Path) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.people.populations import transferred_people
+from avrgym.people.populations import people_for_workers
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
@@ -208,7 +208,7 @@ def evaluate_all(
     jobs = jobs or (min(available, max(1, total // MIN_EPISODES_PER_PROCESS)) if engine == THREADS else 1)
     threads = max(1, available // jobs) if cluster is None else 1
     parts = _parts(episodes, min(MAX_WORLDS, -(-total // jobs)))
-    policy_file, population = TransferredFile.read(policy), transferred_people(people)
+    policy_file, population = TransferredFile.read(policy), people_for_workers(people)
     batches = [
         _Batch(
             environment_id=environment_id,

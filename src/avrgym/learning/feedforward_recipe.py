@@ -29,10 +29,10 @@ from avrgym.learning.imitation import Demonstration, Demonstrations, fit
 from avrgym.learning.normaliser import ObservationScales, observation_of
 from avrgym.learning.recipe import Update
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out_all
-from avrgym.learning.rsl_rl_ppo import DevicePPO, libraries
+from avrgym.learning.rsl_rl_ppo import DevicePPO, import_libraries
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.populations import is_trained, population_label, transferred_people
+from avrgym.people.populations import is_trained_human, people_for_workers, population_label
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.system.files import read_user_text
@@ -61,12 +61,12 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
         _check_pairing(configuration.environment, people)
     if configuration.engine == THREADS:
         return
-    libraries()
+    import_libraries()
     if configuration.force_guard:
         raise ValueError(
             f"the force guard needs the engine threads; leave out --engine {configuration.engine}"
         )
-    if configuration.pairing is not None or is_trained(people):
+    if configuration.pairing is not None or is_trained_human(people):
         raise ValueError(f"trained humans need the engine threads; leave out --engine {configuration.engine}")
     if cluster is not None:
         raise ValueError(
@@ -79,7 +79,7 @@ def _check_pairing(environment: str, people: str) -> None:
     _, joints = human_view_of(environment)
     if not joints:
         raise ValueError(f"people have no actions in {environment}, so no human can be trained there")
-    if is_trained(people):
+    if is_trained_human(people):
         raise ValueError(
             f"{people} is a trained human, but `--recipe pair` trains a new one; allowed: the name of a population, "
             "or a people file"
@@ -110,7 +110,7 @@ class FeedforwardRecipe:
         self._settings = {
             engine: WorldSettings(
                 configuration.environment,
-                transferred_people(self._people),
+                people_for_workers(self._people),
                 configuration.impairment,
                 threads,
                 engine,

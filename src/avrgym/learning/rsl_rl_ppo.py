@@ -34,7 +34,7 @@ class _Libraries(NamedTuple):
     tensordict: Any
 
 
-def libraries() -> _Libraries:
+def import_libraries() -> _Libraries:
     """Import RSL-RL's modules and return them.
 
     Raises:
@@ -58,7 +58,7 @@ class DevicePPO:
 
     def __init__(self, configuration: FeedforwardConfiguration) -> None:
         self._configuration = configuration
-        self._libraries = libraries()
+        self._libraries = import_libraries()
         self._algorithm: Any = None
 
     def __call__(self, model: PPO, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:

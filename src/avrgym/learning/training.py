@@ -39,9 +39,9 @@ from avrgym.learning.recipe import CurvePoint, Recipe
 from avrgym.learning.recurrent_recipe import RecurrentRecipe
 from avrgym.learning.visual_recipe import VisualRecipe
 from avrgym.people.impairments import find_impairment
-from avrgym.people.populations import HUMAN_FILE, is_trained
+from avrgym.people.populations import HUMAN_FILE, is_trained_human
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.simulation.engines.engine import check_ready
+from avrgym.simulation.engines.engine import check_available
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 from avrgym.system.memory import memory_bytes
@@ -120,7 +120,7 @@ def train(
     copied = recurrent_recipe.load_teacher_and_initial(configuration) if recurrent else {}
     if isinstance(configuration, VisualConfiguration):
         copied = {visual_recipe.TEACHER_FILE: visual_recipe.load_teacher(configuration)}
-    if Path(configuration.people).is_dir() and is_trained(configuration.people):
+    if Path(configuration.people).is_dir() and is_trained_human(configuration.people):
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
     with lock_folder(out):
@@ -194,7 +194,7 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
             raise ValueError("a recurrent or visual policy is trained in this process; leave out --cluster")
         return
     find_impairment(configuration.impairment)
-    check_ready(configuration.engine)
+    check_available(configuration.engine)
     feedforward_recipe.check(configuration, people, cluster)
     if cluster is not None:
         worlds = -(-configuration.num_envs // feedforward_recipe.parts_of(configuration, cluster))

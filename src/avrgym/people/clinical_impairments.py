@@ -1,7 +1,7 @@
 """Clinical impairments of simulated people: spasticity, hemiparesis, spinal cord injury, ataxia and dyskinesia.
 
-Each value is given for the least and the most severe person; people between them are interpolated. Values without a
-source are assumptions. They are plausible, and not measured.
+Each parameter has a value for the mildest and one for the most severe impairment; values between them are interpolated.
+Values without a source are plausible assumptions.
 
 - *Spasticity*, modified Ashworth scale 1 to 3 (Bohannon and Smith, Phys. Ther. 67:206, 1987). The damping of the elbow
   rises with this scale (McCrea et al., J. Neurosci. Methods 128:121, 2003). A stretch at 100°/s is resisted with 0.5 to
@@ -29,22 +29,24 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import choose_index, constant_like, interpolate, namespace
 from avrgym.models.human import JOINTS
-from avrgym.people.impaired_motion import UNLIMITED_RAD_S, MotorSigns, without_signs
+from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, unimpaired_signs
 from avrgym.people.population_names import SEVERITIES, Impairment
 
 RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
-"""Resistance of a spastic elbow to a stretch at this speed."""
+"""Resistance of a spastic elbow, and the speed of the stretch."""
 SPASTIC_MOBILITY = (1.0, 0.6)
+"""Executed share of the commanded motion of spastic arms."""
 AFFECTED_SPEED_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
 PASSIVE_SHARE = 0.05
 """Torque of joints without voluntary control, as a share of the healthy torque: passive tissue, backrest and armrests
 (assumption)."""
 GRADE_3_SHARE = 0.25
-"""Torque of muscles of grade 3. They hold the limb against gravity; grade 3 is far below half of the full torque
-(MacAvoy and Green, J. Hand Surg. Eur. 32:149, 2007). The value is an assumption."""
+"""Torque of muscles of grade 3, as a share of the healthy torque. They hold the limb against gravity; grade 3 is far
+below half of the full torque (MacAvoy and Green, J. Hand Surg. Eur. 32:149, 2007). The value is an assumption."""
 DAMPING_RATIO = (0.59, 0.25)
-"""A step overshoots by exp(−π ζ / √(1 − ζ²)): 10 and 45 %."""
+"""Damping ratio ζ of ataxic joints. Damping ratio ζ of ataxic joints. A step overshoots by exp(−π ζ / √(1 − ζ²)): 10
+and 45 %."""
 INTENTION_TREMOR_HZ = (3.0, 4.5)
 INTENTION_TREMOR_DEG: Mapping[str, tuple[float, float]] = {
     "torso": (0.3, 1.5), "head": (0.5, 3.0), "arm": (1.0, 6.0),
@@ -72,16 +74,16 @@ _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
 flexes towards its lower limit. Gravity extends it. Shares of the shoulder and all mobilities are assumptions."""
 
 
-def motor_signs(impairment: Impairment, uniforms: FloatArray) -> MotorSigns:
-    """Sample the signs of n people with a clinical impairment from uniform numbers (n, 1 + 20).
+def sample_motor_signs(impairment: Impairment, uniforms: FloatArray) -> MotorSigns:
+    """Sample the motor signs of n people with a clinical impairment from uniform random numbers (n, 1 + 20).
 
-    Without a severity in the name, all severities occur equally often.
+    If the impairment has no severity in its name, all severities are equally likely.
     """
     name, _, grade = impairment.partition(":")
     severity, grades = uniforms[:, 0], SEVERITIES[name]
     if grade:
         severity = (grades.index(grade) + severity) / len(grades)
-    return _SIGNS[name](without_signs(uniforms[:, 1:]), severity)
+    return _SIGNS[name](unimpaired_signs(uniforms[:, 1:]), severity)
 
 
 def _by_joint(share: FloatArray, low_high: tuple[float, float], factors: FloatArray) -> FloatArray:
@@ -111,7 +113,7 @@ def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
         signs,
         damping_n_m_s=_by_joint(severity, elbow, parts),
         mobility=_affected(severity, SPASTIC_MOBILITY, _IN_ARM, 1.0),
-        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_RAD_S),
+        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -122,7 +124,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
         torque_share=strength[..., None] * signs.torque_share,
-        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, joints, UNLIMITED_RAD_S),
+        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
 

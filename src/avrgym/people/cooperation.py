@@ -1,7 +1,7 @@
 """Behaviour model of people who cooperate with the robot, like the study's participants (paper, section V).
 
 These people perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean
-towards a near tool. In scratching and bathing they lift the arm towards a near tool. In every task they sway a little.
+towards a tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway.
 The values are assumptions about unhurried adults: reaction 0.2 to 0.4 s, sway below 0.5 Hz. ``people.motor`` moves the
 joints.
 """
@@ -26,7 +26,7 @@ OfferedPart = Literal["mouth", "arm", "left_arm", "nothing"]
 
 
 class PersonObservation(Protocol):
-    """What N people observe, a part of ``simulation.worlds.State``. Positions are in the world frame, in metres."""
+    """Observation of N people: the part of ``simulation.state.State`` that they perceive. World frame, metres."""
 
     @property
     def tool_pos_w(self) -> FloatArray:
@@ -52,17 +52,21 @@ class PersonObservation(Protocol):
 NUM_UNIFORMS = 6
 """Number of uniform random numbers for the behaviour parameters of one person."""
 
-REMEMBERED_STEPS = 5
+STORED_TOOL_POSITIONS = 5
+"""Number of stored tool positions, one for each control step."""
 REACTION_STEPS = (2, 4)
+"""Range of the reaction delay, in control steps."""
 FACING_SHARE = (0.3, 0.7)
+"""Range of ``CooperationState.facing_share``."""
 SWAY_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
 SWAY_HZ = (0.1, 0.3)
+"""Range of the sway frequency."""
 
 NEAR_MOUTH_M, LEAN_RAD = 0.30, float(np.radians(10.0))
 NEAR_ARM_M, LIFT_RAD = 0.40, float(np.radians(8.0))
 HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
-PACE = (0.82, 1.18)
-"""Speed and acceleration relative to the limits of ``people.motor``, as of cooperating partners of the zoo."""
+SPEED_FACTOR_RANGE = (0.82, 1.18)
+"""Range of speed and acceleration relative to the limits of ``people.motor``, as for cooperating zoo partners."""
 
 OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
@@ -82,12 +86,12 @@ class CooperationState:
     """State of the behaviour model for N people.
 
     Attributes:
-        tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
+        tool_history_w: latest tool positions (N, ``STORED_TOOL_POSITIONS``, 3), newest first.
         targets_rad: joint targets without rhythmic motion (N, 20).
         rest_rad: initial joint angles (N, 20).
-        time_s: time since the start of the episode (N,), in version 1 of the motion.
+        time_s: time since the start of the episode (N,); used by version 1 of the motion only.
         reaction_steps: reaction delay in control steps (N,).
-        facing_share: share (N,) of the turn that would face the tool completely.
+        facing_share: executed share (N,) of the head rotation that is needed to face the tool.
         sway_rad: sway amplitude (N,).
         sway_hz: sway frequency (N,).
         phase_rad: sway phases (N, 2).
@@ -110,7 +114,7 @@ def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
     low, high = REACTION_STEPS
     return CooperationState(
         tool_history_w=xp.full(
-            (count, REMEMBERED_STEPS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
+            (count, STORED_TOOL_POSITIONS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
         ),
         targets_rad=people.joint_angles_rad,
         rest_rad=people.joint_angles_rad,
@@ -130,8 +134,10 @@ def choose_goals(
     offered: OfferedPart,
     posture: Posture,
 ) -> tuple[CooperationState, FloatArray]:
-    """Returns the next state, in which the tool is observed, and the joint angles (N, 20) that people want. Joints
-    without a reason to move keep the previous ``goals_rad`` (N, 20)."""
+    """Returns the next state and the people's goal joint angles (N, 20), from an observation of the tool.
+
+    ``goals_rad`` (N, 20) are the previous goals. They do not change for joints that have no reason to move.
+    """
     xp = namespace(state.targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
     tool = history[row_indices(history), state.reaction_steps]
@@ -151,12 +157,16 @@ def advance_time(state: CooperationState) -> CooperationState:
 
 
 def motor_state(state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool) -> MotorState:
-    """Returns the initial state of the motor model, from the random numbers that ``initial_state`` uses too. ``sways``:
-    whether people sway and have physiological tremor."""
-    none, further = 0.0 * state.time_s, motor.low_digits(uniforms)
-    rhythms = motor.rhythms_of(state.sway_rad, state.sway_hz, state.phase_rad, none, none, further[:, 4:6])
+    """Returns the initial state of the motor model, from the same random numbers as ``initial_state``.
+
+    ``sways``: whether people sway and have physiological tremor.
+    """
+    none, further = 0.0 * state.time_s, motor.derive_uniforms(uniforms)
+    rhythms = motor.sample_rhythms(
+        state.sway_rad, state.sway_hz, state.phase_rad, none, none, further[:, 4:6]
+    )
     return motor.initial_state(
-        people, rhythms if sways else None, interpolate(PACE, further[:, 3]), further[:, :3]
+        people, rhythms if sways else None, interpolate(SPEED_FACTOR_RANGE, further[:, 3]), further[:, :3]
     )
 
 
@@ -172,7 +182,7 @@ def _mouth_goals(
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
-    ahead = in_torso_frame(state.targets_rad, offset, posture)
+    ahead = to_torso_frame(state.targets_rad, offset, posture)
     turn = xp.clip(state.facing_share[:, None] * head_angles_toward(ahead), -most, most)
     near = visible & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
     goals = float_copy(goals_rad)
@@ -193,7 +203,7 @@ def _arm_goals(
     return goals
 
 
-def in_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
+def to_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
     """Transform offsets (N, 3) from the world frame to the torso frame. In the torso frame, −y points forwards."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)

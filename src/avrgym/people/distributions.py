@@ -37,7 +37,7 @@ JointRanges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Distribution:
-    """Uniform ranges of torso height (metres) and of the waist joints (± degrees).
+    """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and bodies.
 
     People move if ``cooperating`` is true or ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
@@ -48,33 +48,35 @@ class Distribution:
 
     torso_height_man_m: tuple[float, float]
     torso_height_woman_m: tuple[float, float]
-    waist_deg: float
+    waist_range_deg: float
     cooperating: bool = False
     poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
     partners: PartnerSet | None = None
     motion_version: int = MOTION_VERSION
-    measured: bool = False
+    measured_bodies: bool = False
 
     @property
     def moving(self) -> bool:
         """Whether these people move."""
         return self.cooperating or self.partners is not None
 
-    def pose_for_task(self, task: str, usual: "Pose") -> "Pose":
-        """Returns the initial pose in a task: the task's ``usual`` pose with the ranges of ``poses``."""
-        rest_rad, spread_rad = usual.rest_rad.copy(), usual.spread_rad.copy()
+    def pose_for_task(self, task: str, default: "Pose") -> "Pose":
+        """Returns the initial pose in a task: the task's ``default`` pose, changed by ``poses``."""
+        rest_rad, spread_rad = default.rest_rad.copy(), default.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
             spread_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (high_deg - low_deg))
         return Pose(rest_rad, spread_rad)
 
 
-_REVISED = Distribution((0.50, 0.70), (0.44, 0.64), waist_deg=10.0)
+_REVISED = Distribution((0.50, 0.70), (0.44, 0.64), waist_range_deg=10.0)
 DISTRIBUTIONS: Mapping[str, Distribution] = {
-    ORIGINAL: Distribution((0.60, 0.60), (0.54, 0.54), waist_deg=0.0),
+    ORIGINAL: Distribution((0.60, 0.60), (0.54, 0.54), waist_range_deg=0.0),
     REVISED: _REVISED,
-    PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
-    ANTHROPOMETRIC: Distribution((0.54, 0.66), (0.49, 0.60), waist_deg=5.0, cooperating=True, measured=True),
+    PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_range_deg=5.0, cooperating=True),
+    ANTHROPOMETRIC: Distribution(
+        (0.54, 0.66), (0.49, 0.60), waist_range_deg=5.0, cooperating=True, measured_bodies=True
+    ),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
 _NAMED = DISTRIBUTIONS | {
@@ -110,7 +112,7 @@ class Pose:
     spread_rad: FloatArray
 
     @property
-    def spreads_arm(self) -> bool:
+    def has_random_arm(self) -> bool:
         """Whether the right arm's pose is random."""
         return bool(self.spread_rad[RIGHT_ARM].any())
 
@@ -128,9 +130,9 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
         if name in _NAMED:
             allowed = ", ".join(f"{name}@{known}" for known in MOTION_VERSIONS)
             raise ValueError(
-                f"unknown version {version!r} of the motion of {name}; allowed: {name}, {allowed}"
+                f"unknown motion version {version!r} of population {name!r}; allowed: {name}, {allowed}"
             )
-        raise ValueError(f"unknown people {name_or_path!r}; allowed: {ALLOWED_PEOPLE}")
+        raise ValueError(f"unknown population {name_or_path!r}; allowed: {ALLOWED_PEOPLE}")
     from avrgym.people.people_file import read_people
 
     return distribution_of(read_people(Path(name_or_path), tasks))
@@ -155,19 +157,19 @@ def sample_people(
     is_woman = uniforms[:, 0] < 0.5
     man = interpolate(distribution.torso_height_man_m, uniforms[:, 1])
     woman = interpolate(distribution.torso_height_woman_m, uniforms[:, 1])
-    spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
+    spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_range_deg), 0.0)
     shares = uniforms[:, 2:].reshape(len(uniforms), MAX_POSE_ATTEMPTS, len(JOINTS))
     rest, spread, lower, upper = (
         constant_like(each, uniforms) for each in (pose.rest_rad, spread, human.LOWER_RAD, human.UPPER_RAD)
     )
     poses = xp.clip(rest + spread * (2.0 * shares - 1.0), lower, upper)
     people = People.unimpaired(is_woman, xp.where(is_woman, woman, man), poses[:, 0])
-    if distribution.measured:
+    if distribution.measured_bodies:
         of_sex = xp.where(is_woman, 2.0 * uniforms[:, 0], 2.0 * uniforms[:, 0] - 1.0)
         people = replace(people, **sample_bodies(is_woman, uniforms[:, 1], of_sex)._asdict())
         poses = _on_armrests(people, poses, posture)
         people = replace(people, joint_angles_rad=poses[:, 0])
-    return _resample_crowded_poses(people, poses, posture, furniture) if pose.spreads_arm else people
+    return _resample_crowded_poses(people, poses, posture, furniture) if pose.has_random_arm else people
 
 
 def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatArray:
@@ -212,5 +214,5 @@ def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> Bool
 
 
 def repeat_person(person: Person, count: int) -> People:
-    """Returns the same person ``count`` times."""
+    """Returns ``count`` copies of one person."""
     return People.of([person] * count)

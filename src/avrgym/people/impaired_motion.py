@@ -1,7 +1,7 @@
 """Motion of people with clinical impairments: it changes the joint targets that a behaviour model computes.
 
-The executed angles follow the commanded targets. Undriven joints stay at rest, spastic and paretic joints are slow and
-move less far, ataxic joints overshoot and tremble near the goal, and dyskinesia adds slow involuntary motion.
+The executed angles follow the commanded targets. Spastic and paretic joints move slowly and less far. Ataxic joints
+overshoot and tremble near the goal. Dyskinesia adds slow involuntary motion. Paralysed joints do not move.
 ``people.clinical_impairments`` contains the parameters.
 """
 
@@ -13,7 +13,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 from avrgym.geometry.arrays import namespace
 
-UNLIMITED_RAD_S = 1e3
+UNLIMITED_SPEED_RAD_S = 1e3
 """Speed limit of joints without an impairment."""
 NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
 """Natural frequency of ataxic joints (assumption). After a ramp they overshoot in proportion to its speed. Hypermetria
@@ -59,13 +59,13 @@ class MotorSigns:
 
 @dataclass(frozen=True)
 class ImpairedState:
-    """State of the motion of N people.
+    """State of the impaired motion of N people.
 
     Attributes:
         executed_rad: executed joint angles without tremor and dyskinesia (N, 20).
         speed_rad_s: their speeds (N, 20).
         goal_rad: the previous goal (N, 20).
-        effort_rad: recent motion of the goal (N, 20).
+        effort_rad: motion of the goal during about the last second (N, 20).
         time_s: time since the start (N,).
     """
 
@@ -76,15 +76,15 @@ class ImpairedState:
     time_s: FloatArray
 
 
-def without_signs(phase: FloatArray) -> MotorSigns:
-    """Returns the signs of n people without impairments. ``phase`` (n, 20) are random numbers."""
+def unimpaired_signs(phase: FloatArray) -> MotorSigns:
+    """Returns the motor signs of n people without impairments. ``phase`` (n, 20) are random numbers."""
     xp = namespace(phase)
     none, full = xp.zeros_like(phase), xp.ones_like(phase)
     return MotorSigns(
         mobility=full,
         torque_share=xp.stack([full, full], axis=-1),
         damping_n_m_s=none,
-        speed_rad_s=UNLIMITED_RAD_S * full,
+        speed_rad_s=UNLIMITED_SPEED_RAD_S * full,
         damping_ratio=full,
         intention_tremor_rad=none,
         dyskinesia_rad=none,

@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like, interpolate, namespace
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
-from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.population_names import ALLOWED_IMPAIRMENTS, IMPAIRMENTS, SEVERITIES, Impairment
 
 NUM_UNIFORMS = 1 + len(JOINTS)
@@ -68,7 +68,7 @@ def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArra
         xp, amplitude_rad = namespace(uniforms), constant_like(TREMOR_RAD, uniforms) * uniforms[:, 1:]
         return replace(people, tremor_rad=xp.maximum(people.tremor_rad, amplitude_rad))
     if is_clinical(impairment):
-        signs = motor_signs(impairment, uniforms)
+        signs = sample_motor_signs(impairment, uniforms)
         return replace(people, torque_share=signs.torque_share, damping_n_m_s=signs.damping_n_m_s)
     return people
 

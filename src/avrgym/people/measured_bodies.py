@@ -1,4 +1,4 @@
-"""Bodies of women and men as measured in the anthropometric survey ANSUR II, for the population ``anthropometric``.
+"""Bodies of the population ``anthropometric``, sampled from the anthropometric survey ANSUR II.
 
 Source: 4 082 men and 1 986 women of the US Army (Gordon et al., *2012 Anthropometric Survey of U.S. Army Personnel*,
 Natick/TR-15/007, 2014). The tables below are percentiles and least-squares regressions of its public data:
@@ -27,7 +27,7 @@ from avrgym.models.human import PROPORTIONS
 
 PERCENTILES = (5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0)
 BMI_KG_M2 = (17.0, 40.0)
-Table = tuple[float, float, float, float, float, float, float]
+Percentiles = tuple[float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Survey:
     """Measures of one sex in metres: percentiles, regressions (intercept, then slopes), and percentiles of their
     residuals. The medians of sitting height and arm are those of all measured people."""
 
-    stature: Table
+    stature: Percentiles
     sitting_height: tuple[float, float]
-    sitting_height_residual: Table
+    sitting_height_residual: Percentiles
     arm: tuple[float, float, float]
-    arm_residual: Table
+    arm_residual: Percentiles
     median_sitting_height: float
     median_arm: float
 
@@ -76,7 +76,10 @@ class Bodies(NamedTuple):
 
 
 def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) -> Bodies:
-    """Sample n bodies from two uniform numbers (n,) each. Each number yields two: its leading and its other digits."""
+    """Sample n bodies from two arrays (n,) of uniform random numbers.
+
+    Each number is split into two random numbers: its first 26 bits and its remaining bits.
+    """
     xp = namespace(first)
     for_stature, for_sitting = _two_uniforms(first)
     for_arm, for_bmi = _two_uniforms(second)
@@ -105,7 +108,7 @@ def _two_uniforms(uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
     return whole / 2.0**26, scaled - whole
 
 
-def _quantile(table: Table, uniform: FloatArray) -> FloatArray:
+def _quantile(table: Percentiles, uniform: FloatArray) -> FloatArray:
     """Returns values between the 5th and the 95th percentile for uniform numbers (n,), piecewise linear."""
     xp = namespace(uniform)
     share = 0.01 * (PERCENTILES[0] + (PERCENTILES[-1] - PERCENTILES[0]) * uniform)

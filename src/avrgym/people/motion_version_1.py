@@ -108,10 +108,10 @@ def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
     """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
     there."""
     xp, parameters = namespace(desired), BehaviourParameters.from_table(state.parameters)
-    startled = (state.since_startle_s <= parameters.startle_s)[:, None]
-    pace = parameters.speed_share[:, None]
-    most = constant_like(SPEED_RAD_S, desired) * xp.where(startled, STARTLE_SPEED_FACTOR, pace)
-    sudden = xp.where(startled, STARTLE_ACCELERATION_FACTOR, pace)
+    startled = (state.since_startle_s <= parameters.startle_duration_s)[:, None]
+    speed_factor = parameters.speed_share[:, None]
+    most = constant_like(SPEED_RAD_S, desired) * xp.where(startled, STARTLE_SPEED_FACTOR, speed_factor)
+    sudden = xp.where(startled, STARTLE_ACCELERATION_FACTOR, speed_factor)
     change = constant_like(ACCELERATION_RAD_S2, desired) * sudden * CONTROL_STEP_S
     way = desired - state.targets_rad
     braked = xp.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * xp.abs(way)) - 0.5 * change

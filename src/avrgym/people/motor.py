@@ -1,6 +1,6 @@
-"""Motor model of simulated people: joint targets, 100 times a second, from the joint angles that people want.
+"""Motor model of simulated people: computes joint targets at 100 Hz from goal joint angles.
 
-Behaviour models choose goals ten times a second, from what people perceived one reaction delay ago. The equilibrium
+Behaviour models choose goals at 10 Hz, from observations that are one reaction delay old. The equilibrium
 point of each joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint
 target follows it as a critically damped second-order system. Its speed is bell-shaped and never overshoots. It is never
 faster than the equilibrium point, and its acceleration never exceeds its limit, even when a movement reverses.
@@ -54,13 +54,13 @@ USUAL_SPEED_SHARE = 1.0 / (1.0 + NOISE_SHARE * math.sqrt(2.0 * len(NOISE_HZ)))
 """Speed without noise as a share of the speed limit. The largest noise reaches the limit."""
 ONSET_S = 1.0
 """Time until sway, jaw motion and tremor reach their full amplitude."""
-STEEPEST_ONSET = 1.875 / ONSET_S
+MAX_ONSET_RATE_PER_S = 1.875 / ONSET_S
 PHYSIOLOGICAL_TREMOR_HZ, PHYSIOLOGICAL_TREMOR_G = (8.0, 12.0), (0.005, 0.035)
 FOREARM_M, GRAVITY_M_S2 = 0.3, 9.81
 """Distance of the hand from the elbow; gravitational acceleration."""
 TREMOR_HZ = 5.0
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
-"""The fractional parts of this number's multiples are equidistributed (Weyl)."""
+"""Fractional part of the golden ratio. Its multiples give evenly distributed phases (Weyl)."""
 
 
 def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray:
@@ -91,8 +91,8 @@ _NOISE_PHASE = (
 class Rhythms:
     """Rhythmic motion of N people, (N,) each, ``sway_phase_rad`` (N, 2).
 
-    ``sway_rad`` is the amplitude of the waist's sway; ``jaw_rad`` that of the head's motion with the jaw. Physiological
-    tremor has the amplitude ``physiological_rad`` and the frequency ``physiological_hz``.
+    ``sway_rad`` is the amplitude of the waist's sway, ``jaw_rad`` that of the head's motion with the jaw. Physiological
+    tremor has the amplitude ``physiological_tremor_rad`` and the frequency ``physiological_tremor_hz``.
     """
 
     sway_rad: FloatArray
@@ -100,8 +100,8 @@ class Rhythms:
     sway_phase_rad: FloatArray
     jaw_rad: FloatArray
     jaw_hz: FloatArray
-    physiological_rad: FloatArray
-    physiological_hz: FloatArray
+    physiological_tremor_rad: FloatArray
+    physiological_tremor_hz: FloatArray
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,13 @@ class MotorState:
     """State of the motor model for N people.
 
     Attributes:
-        goal_rad: joint angles that people want (N, 20).
+        goal_rad: goal joint angles (N, 20).
         equilibrium_rad: equilibrium points (N, 20).
-        lagged_rad, angles_rad: outputs (N, 20) of the first and the second system that follow them.
-        reach_rad: largest motion of the equilibrium points in 10 ms (N, 20).
-        follow: share of the distance that a system covers in 10 ms (N, 20).
-        pace: speed and acceleration relative to the limits (N,).
+        filtered_rad, angles_rad: outputs (N, 20) of two first-order filters in series that follow the equilibrium
+        points.
+        max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20).
+        filter_gain: share of the remaining distance that a filter covers in 10 ms (N, 20).
+        speed_factor: speed and acceleration relative to the limits (N,).
         noise_phase_rad: phases of the noise (N, 3).
         wave_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of waves.
         time_s: time since the start of the episode (N,).
@@ -122,11 +123,11 @@ class MotorState:
 
     goal_rad: FloatArray
     equilibrium_rad: FloatArray
-    lagged_rad: FloatArray
+    filtered_rad: FloatArray
     angles_rad: FloatArray
-    reach_rad: FloatArray
-    follow: FloatArray
-    pace: FloatArray
+    max_step_rad: FloatArray
+    filter_gain: FloatArray
+    speed_factor: FloatArray
     noise_phase_rad: FloatArray
     wave_rad: FloatArray
     wave_hz: FloatArray
@@ -134,14 +135,13 @@ class MotorState:
     time_s: FloatArray
 
 
-def low_digits(uniforms: FloatArray) -> FloatArray:
-    """Returns further uniform numbers, 0 to 1, of the same shape: the digits of uniform numbers after the first 13
-    bits."""
+def derive_uniforms(uniforms: FloatArray) -> FloatArray:
+    """Derive further uniform random numbers, 0 to 1, of the same shape: the bits after the first 13 bits."""
     scaled = 8192.0 * uniforms
     return scaled - namespace(scaled).floor(scaled)
 
 
-def rhythms_of(
+def sample_rhythms(
     sway_rad: FloatArray,
     sway_hz: FloatArray,
     sway_phase_rad: FloatArray,
@@ -149,7 +149,7 @@ def rhythms_of(
     jaw_hz: FloatArray,
     uniforms: FloatArray,
 ) -> Rhythms:
-    """Returns rhythms with physiological tremor, which is sampled from uniform numbers (N, 2)."""
+    """Returns rhythms with the given sway and jaw motion. Samples physiological tremor from uniform numbers (N, 2)."""
     low, high = PHYSIOLOGICAL_TREMOR_G
     acceleration_m_s2 = (
         GRAVITY_M_S2 * low * elementary.power(high / low + 0.0 * uniforms[:, 0], uniforms[:, 0])
@@ -163,7 +163,7 @@ def rhythms_of(
 def initial_state(
     people: People,
     rhythms: Rhythms | None,
-    pace: FloatArray,
+    speed_factor: FloatArray,
     noise_uniforms: FloatArray,
     tremor_hz: FloatArray | float = TREMOR_HZ,
 ) -> MotorState:
@@ -172,34 +172,34 @@ def initial_state(
     Args:
         people: N people.
         rhythms: their rhythms; ``None``: people without rhythmic motion except for the tremor of ``people``.
-        pace: speed and acceleration relative to the limits (N,).
+        speed_factor: speed and acceleration relative to the limits (N,).
         noise_uniforms: uniform numbers (N, 3) that choose the noise.
         tremor_hz: frequency of the tremor of ``people`` (N,).
     """
     angles = people.joint_angles_rad
-    xp, none, nothing = namespace(angles), 0.0 * pace, 0.0 * angles
+    xp, none, nothing = namespace(angles), 0.0 * speed_factor, 0.0 * angles
     waves = [(people.tremor_rad + nothing, none + tremor_hz, none)]
     if rhythms is not None:
         forwards, sideways, nodding = nothing + 0.0, nothing + 0.0, nothing + 0.0
         forwards[:, _WAIST_X] = sideways[:, _WAIST_Y] = rhythms.sway_rad
         nodding[:, _HEAD_X] = 0.5 * rhythms.jaw_rad
-        trembling = rhythms.physiological_rad[:, None] * constant_like(_PHYSIOLOGICAL, angles)
+        trembling = rhythms.physiological_tremor_rad[:, None] * constant_like(_PHYSIOLOGICAL, angles)
         phase = rhythms.sway_phase_rad
         waves += [
             (forwards, rhythms.sway_hz, phase[:, 0]),
             (sideways, 0.7 * rhythms.sway_hz, phase[:, 1]),
             (nodding, rhythms.jaw_hz, none),
-            (trembling, rhythms.physiological_hz, none),
+            (trembling, rhythms.physiological_tremor_hz, none),
         ]
     amplitudes, frequencies, phases = (xp.stack(list(each), axis=1) for each in zip(*waves, strict=True))
     return MotorState(
         goal_rad=angles,
         equilibrium_rad=angles,
-        lagged_rad=angles,
+        filtered_rad=angles,
         angles_rad=angles,
-        reach_rad=nothing,
-        follow=nothing + constant_like(_FOLLOW, angles),
-        pace=pace,
+        max_step_rad=nothing,
+        filter_gain=nothing + constant_like(_FOLLOW, angles),
+        speed_factor=speed_factor,
         noise_phase_rad=2.0 * np.pi * noise_uniforms,
         wave_rad=amplitudes,
         wave_hz=frequencies,
@@ -211,13 +211,16 @@ def initial_state(
 def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
     """Returns the state with new goals (N, 20). ``startled`` is a mask (N,) of people who move immediately and fast."""
     xp, speed = namespace(goal_rad), constant_like(SPEED_RAD_S, goal_rad)
-    factor, follow = state.pace, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
+    factor, filter_gain = state.speed_factor, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
         factor = xp.where(startled, STARTLE_SPEED_FACTOR, factor)
-        follow = xp.where(startled[:, None], constant_like(STARTLED_FOLLOW, goal_rad), follow)
+        filter_gain = xp.where(startled[:, None], constant_like(STARTLED_FOLLOW, goal_rad), filter_gain)
     varying = USUAL_SPEED_SHARE * (1.0 + NOISE_SHARE * _noise(state))
     return replace(
-        state, goal_rad=goal_rad, reach_rad=PHYSICS_STEP_S * factor[:, None] * speed * varying, follow=follow
+        state,
+        goal_rad=goal_rad,
+        max_step_rad=PHYSICS_STEP_S * factor[:, None] * speed * varying,
+        filter_gain=filter_gain,
     )
 
 
@@ -236,21 +239,23 @@ def advance(state: MotorState) -> MotorState:
     """Returns the state 10 ms later."""
     xp = namespace(state.goal_rad)
     way = state.goal_rad - state.equilibrium_rad
-    equilibrium = state.equilibrium_rad + xp.clip(way, -state.reach_rad, state.reach_rad)
-    lagged = state.lagged_rad + state.follow * (equilibrium - state.lagged_rad)
-    angles = state.angles_rad + state.follow * (lagged - state.angles_rad)
+    equilibrium = state.equilibrium_rad + xp.clip(way, -state.max_step_rad, state.max_step_rad)
+    lagged = state.filtered_rad + state.filter_gain * (equilibrium - state.filtered_rad)
+    angles = state.angles_rad + state.filter_gain * (lagged - state.angles_rad)
     return replace(
         state,
         equilibrium_rad=equilibrium,
-        lagged_rad=lagged,
+        filtered_rad=lagged,
         angles_rad=angles,
         time_s=state.time_s + PHYSICS_STEP_S,
     )
 
 
 def next_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatArray]:
-    """Returns the state after ``count`` times 10 ms, and the joint targets (``count``, N, 20) at their ends: movements,
-    sway, motion with the jaw, and tremor."""
+    """Returns the state after ``count`` steps of 10 ms, and the joint targets (``count``, N, 20) after each step.
+
+    Targets contain movements, sway, motion with the jaw, and tremor.
+    """
     states: list[MotorState] = []
     for _ in range(count):
         state = advance(state)
@@ -274,6 +279,10 @@ def _onset(time_s: FloatArray) -> FloatArray:
 
 def speed_limit_rad_s(state: MotorState, startled: BoolArray | None = None) -> FloatArray:
     """Returns the largest speed (N, 20) of the joint targets: that of movements plus those of all rhythms."""
-    factor = state.pace if startled is None else np.where(startled, STARTLE_SPEED_FACTOR, state.pace)
-    waves = state.wave_rad * (2.0 * np.pi * state.wave_hz + STEEPEST_ONSET)[..., None]
+    factor = (
+        state.speed_factor
+        if startled is None
+        else np.where(startled, STARTLE_SPEED_FACTOR, state.speed_factor)
+    )
+    waves = state.wave_rad * (2.0 * np.pi * state.wave_hz + MAX_ONSET_RATE_PER_S)[..., None]
     return factor[:, None] * SPEED_RAD_S + waves.sum(axis=1)

@@ -13,21 +13,21 @@ from typing import Any
 import msgspec
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
-from avrgym.people.zoo.partners import ANY_VALUE, BOUNDS, PARAMETER_NAMES
+from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, PARAMETER_NAMES
 from avrgym.system.files import read_user_text
 from avrgym.system.type_guards import is_array, is_table
 
-Range = tuple[float, float]
+ValueRange = tuple[float, float]
 Estimate = tuple[float, float]
 """Mean and standard deviation."""
 
 
 class PeopleFileError(ValueError):
-    """Invalid value in a people file. The message contains the file, the value and the allowed values."""
+    """Raised for an invalid value in a people file. The message contains the file, the value and the allowed values."""
 
 
-class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study to whose participants the ranges were fitted."""
+class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The study from whose participants the ranges were computed."""
 
     study: str
     men: int
@@ -44,8 +44,8 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TorsoHeights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Lowest and highest torso heights in metres."""
 
-    man: Range
-    woman: Range
+    man: ValueRange
+    woman: ValueRange
 
 
 class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -62,8 +62,8 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     cooperating: bool
     torso_height_m: TorsoHeights
-    poses: dict[str, dict[str, Range]] = {}
-    source: Source | None = None
+    poses: dict[str, dict[str, ValueRange]] = {}
+    source: FittedStudy | None = None
     behaviour: tuple[dict[str, Estimate], ...] = ()
 
 
@@ -78,7 +78,7 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
         return parse_people(read_user_text(path), str(path), tasks)
     except UnicodeDecodeError as error:
         raise PeopleFileError(
-            f"{path}: not UTF-8 text: {error.reason} at byte {error.start}; save it as UTF-8"
+            f"{path}: the file is not UTF-8 text: {error.reason} at byte {error.start}; save it as UTF-8"
         ) from None
 
 
@@ -121,7 +121,7 @@ def _estimate_mistakes(place: str, name: str, found: Any) -> Iterator[str]:
     if name not in PARAMETER_NAMES:
         yield f"{place}: unknown parameter; allowed: {', '.join(PARAMETER_NAMES)}"
         return
-    low, high = BOUNDS.get(name, ANY_VALUE)
+    low, high = PARAMETER_BOUNDS.get(name, ANY_VALUE)
     if not (_are_numbers(found) and low <= found[0] <= high and 0.0 <= found[1] < inf):
         yield f"{place} is {found}; allowed: [mean within {low:g} to {high:g}, standard deviation from 0]"
 
@@ -131,7 +131,7 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if is_table(found) else {}
 
 
-def _range_mistakes(place: str, found: Any, limits: Range, unit: str) -> Iterator[str]:
+def _range_mistakes(place: str, found: Any, limits: ValueRange, unit: str) -> Iterator[str]:
     if not (_are_numbers(found) and limits[0] <= found[0] <= found[1] <= limits[1]):
         low, high = limits
         yield f"{place} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"

@@ -1,4 +1,4 @@
-"""Populations: the people that a policy meets in training, evaluation or a live view.
+"""Populations of simulated people for training, evaluation and live views.
 
 A population is either a distribution of bodies with a behaviour model, or one trained human (human-robot co-training).
 The policy file of a trained human has the same format as that of a robot.
@@ -25,9 +25,10 @@ HUMAN_FILE = "human.safetensors"
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """A population: distribution of bodies and behaviour, default impairment and, for a trained human, the policy.
+    """A population: a distribution of bodies and behaviour, a default impairment, and the policy of a trained human.
 
-    ``name`` is the name of the distribution or the path of the file.
+    ``name`` is the name of the distribution or the path of the file. ``trained`` is the policy of a trained human.
+    ``trained`` is the policy of a trained human.
     """
 
     name: str
@@ -40,7 +41,7 @@ class Population:
         return self.impairment if requested == "none" else requested
 
 
-def is_trained(name_or_path: str) -> bool:
+def is_trained_human(name_or_path: str) -> bool:
     """Whether a value of ``--people`` refers to trained humans: a policy file, or a folder of policy files.
 
     A path that ends with / counts as a folder, even if the folder no longer exists.
@@ -54,7 +55,7 @@ def population_label(name_or_path: str) -> str:
     """Returns a name for display. It does not contain the folder of a file."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
-    return f"{'trained' if is_trained(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
+    return f"{'trained' if is_trained_human(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
@@ -63,7 +64,7 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
     """
-    if not is_trained(name_or_path):
+    if not is_trained_human(name_or_path):
         return (Population(name_or_path, find_distribution(name_or_path, tasks)),)
     if not Path(name_or_path).is_dir():
         return (_trained(Path(name_or_path), tasks),)
@@ -87,9 +88,9 @@ def human_files(folder: Path) -> list[Path]:
     return [file for file in [*own, *below] if Policy.load(file).metadata.human is not None]
 
 
-def transferred_people(name_or_path: str) -> TransferredFile:
-    """Returns people in a form that can be sent to worker processes without access to the files."""
-    if is_trained(name_or_path) and Path(name_or_path).is_dir():
+def people_for_workers(name_or_path: str) -> TransferredFile:
+    """Returns the people with the contents of their files, for worker processes without access to the files."""
+    if is_trained_human(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)
 
@@ -98,9 +99,11 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
     policy = Policy.load(path)
     metadata = policy.metadata
     if metadata.human is None:
-        raise PolicyError(f"{path} is the policy of a robot, not of a human; use it with --policy")
+        raise PolicyError(
+            f"{path} is the policy of a robot; allowed: policies of trained humans. Use this file with --policy"
+        )
     if policy.memory is not None:
-        raise PolicyError(f"{path}: a recurrent policy; allowed: a human without memory")
+        raise PolicyError(f"{path} is a recurrent policy; allowed: feed-forward policies of trained humans")
     if text := metadata.human.people_file:
         from avrgym.people.people_file import parse_people
 

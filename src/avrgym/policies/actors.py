@@ -55,13 +55,13 @@ class DeviceActor:
     The array library determines the order of sums.
     """
 
-    def __init__(self, policy: Policy, exemplar: Any) -> None:
-        """Convert the policy to the library, device and precision of the array ``exemplar``."""
-        self._mean = to_device_of(policy.observation_mean, exemplar)
-        self._deviation = to_device_of(policy.observation_deviation, exemplar)
+    def __init__(self, policy: Policy, example_array: Any) -> None:
+        """Convert the policy to the library, device and precision of the array ``example_array``."""
+        self._mean = to_device_of(policy.observation_mean, example_array)
+        self._deviation = to_device_of(policy.observation_deviation, example_array)
         self._clip = policy.observation_clip
-        self._weights = [to_device_of(weight, exemplar) for weight in policy.weights]
-        self._biases = [to_device_of(bias, exemplar) for bias in policy.biases]
+        self._weights = [to_device_of(weight, example_array) for weight in policy.weights]
+        self._biases = [to_device_of(bias, example_array) for bias in policy.biases]
 
     def mean(self, observations: Any) -> Any:
         """Returns mean actions (N, A) for observations (N, O)."""

@@ -36,7 +36,7 @@ class CartesianController:
                 length 1.
             angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, world frame; clipped to length 1.
         """
-        q_wb = self._simulation.current_base()[1][0]
+        q_wb = self._simulation.base_pose()[1][0]
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
         positions = self._simulation.joint_positions()[:1]

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from avrgym.commands.input_names import InputMethod, StopWay
+from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.models.body_names import BODY_PART_LABELS, BodyPart
 from avrgym.recording.presentation import Presentation
 
@@ -27,7 +27,7 @@ USED_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
     "right-hand": frozenset({"right"}),
 }
 """The arms with which a participant points. Methods that are not listed need no arm."""
-POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopWay, ...]] = {
+POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "controllers": ("buttons", "palm", "gaze", "experimenter"),
     "hands": ("palm", "gaze", "experimenter"),
     "left-hand": ("buttons", "palm", "gaze", "experimenter"),
@@ -71,7 +71,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[Arm, ...], Meta(description="Amputated arms. They rest and are not drawn.")
     ] = ()
     stops: Annotated[
-        tuple[StopWay, ...] | None,
+        tuple[StopInput, ...] | None,
         Meta(description="How the participant stops the robot; default: by method."),
     ] = None
     presentation: Annotated[Presentation, Meta(description="How the participant reads and hears texts.")] = (
@@ -104,7 +104,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
     @property
-    def stop_ways(self) -> tuple[StopWay, ...]:
+    def stop_ways(self) -> tuple[StopInput, ...]:
         """The participant's ways to stop the robot. Keys, menu buttons and the experimenter always stop it too."""
         possible = POSSIBLE_STOPS[self.method]
         default = possible if self.method == "experimenter" else possible[:1]

@@ -1,4 +1,4 @@
-"""Limits the approach speed between a robot's tool and a person, which limits the force of an impact."""
+"""Monitors the approach speed between a robot's tool and a person. A limit of this speed limits impact forces."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from avrgym.safety.limits import BODY_REGIONS, REGION_OF_GEOM, max_impact_speed_
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
-NEAR_M = 0.10
-"""Speeds are checked within this distance. While an arm stops and retracts, people move by less than this."""
+MONITORED_DISTANCE_M = 0.10
+"""Distance between tool and person within which speeds are checked. People move by less while an arm retracts."""
 _REGIONS = np.array([REGION_OF_GEOM[geom] for geom in GEOMS])
 
 
@@ -25,7 +25,7 @@ class ApproachSpeedMonitor(PerWorldState):
     the region whose approach speed is highest relative to its limit, ``speed_m_s`` (N,) this speed.
     """
 
-    STATE = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
+    STATE_FIELDS = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
         """Allow contact speeds at which an impact causes at most the forces ``force_n`` (R,) on the regions,
@@ -67,7 +67,7 @@ class ApproachSpeedMonitor(PerWorldState):
         self.speed_m_s = share.max(axis=-1) * self.allowed_m_s[self.region]
 
     def describe(self, world: int) -> str:
-        """Returns a text about the fastest approach in a world: region, speed and limit."""
+        """Returns a description of the fastest approach in a world: region, speed and limit."""
         region = int(self.region[world])
         verb = "approaches" if self.person_too_fast[world] else "and tool approach"
         allowed = self.allowed_m_s[region]
@@ -77,10 +77,9 @@ class ApproachSpeedMonitor(PerWorldState):
 
 
 def effective_mass_kg(simulation: Simulation) -> float:
-    """Returns a robot's effective mass in an impact: half the mass that the joints or the drive move, plus the tool's
-    mass.
+    """Returns a robot's effective mass in an impact, after ISO/TS 15066:2016, A.3.4.
 
-    ISO/TS 15066:2016, A.3.4.
+    It is half the mass that the joints or the drive move, plus the mass of the tool.
     """
     model = simulation.model
     scene = simulation.scene
@@ -94,9 +93,9 @@ def effective_mass_kg(simulation: Simulation) -> float:
 def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
     """Returns the decrease (N, G) of each gap in the last step, in metres.
 
-    The decrease is 0 for a gap that would still be larger than ``NEAR_M`` after another such step.
+    The decrease is 0 for a gap that would still be larger than ``MONITORED_DISTANCE_M`` after another such step.
     """
-    return np.where(gap_m - closed_m < NEAR_M, closed_m, 0.0)
+    return np.where(gap_m - closed_m < MONITORED_DISTANCE_M, closed_m, 0.0)
 
 
 def _axis_distance_m(point_w: FloatArray, segment_w: FloatArray) -> FloatArray:

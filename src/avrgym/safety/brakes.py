@@ -1,4 +1,4 @@
-"""The brakes of arm and drive: dry friction stops each joint and then holds its position."""
+"""Brakes of arm and drive: dry friction stops each joint and holds its position."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from avrgym.models.scene import SceneConfig
 
 HOLDING_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
-arm back. With a factor of 10, this happened once in 200 stops, with a washcloth between a backrest and a head."""
+arm back. With a factor of 10, this happened in 1 of 200 stops, with a washcloth between a backrest and a head."""
 SOLVER_TOLERANCE = 1e-8
 """Solver tolerance while brakes are engaged. Only with Newton's method and this tolerance, friction holds without
 creep."""
@@ -31,7 +31,7 @@ class Brakes:
         self._solver, self._tolerance = batch.expand("opt.solver"), batch.expand("opt.tolerance")
 
     def engage(self) -> None:
-        """Switch the motors off, stop the robots and hold them."""
+        """Switch the motors off and apply the brakes."""
         self._disabled_actuators[:] = 1 << MOTOR_GROUP
         self._friction[:, self._dofs] = self._effort
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE

@@ -17,46 +17,47 @@ from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
-GUARD_SHARE = STANDARD_FORCE_SHARE
+INTERVENTION_SHARE = STANDARD_FORCE_SHARE
 """The arm retracts if a force exceeds this share of a region's quasi-static limit. Impacts may cause forces up to this
 share."""
 RELEASE_SHARE = 0.25
 """The arm stops retracting when forces on all regions are below this share. The hysteresis prevents chattering."""
 WAYPOINT_RAD = 0.01
-"""A new waypoint is stored when a joint has moved this far from the latest waypoint. See ``Chain.units`` for slides."""
+"""Joint motion since the latest waypoint after which a new waypoint of the retraction path is stored."""
 WAYPOINTS = 150
+"""Maximum number of stored waypoints of the retraction path."""
 INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
 """Events of a recording: the guard starts to override commands, and stops overriding them."""
 
 
 class ForceGuard(PerWorldState):
-    """Overrides actions in N worlds. Only worlds in which a robot endangers a person are affected.
+    """Overrides the actions in worlds in which a contact force or an approach speed exceeds its limit.
 
     The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
-    ``output`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back along their
-    path, ``holding`` (N,) arms that the guard stops. ``interventions`` (N,) is the number of interventions of both
-    kinds in the episode.
+    ``executed_action`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back
+    along their path, ``holding`` (N,) arms that the guard stops. ``interventions`` (N,) is the number of interventions
+    of both kinds in the episode.
     """
 
-    STATE = (
-        "output", "retracting", "holding", "interventions", "_pressed", "_commanded", "_force_n",
+    STATE_FIELDS = (
+        "executed_action", "retracting", "holding", "interventions", "_pressed", "_commanded", "_force_n",
         "_path", "_path_end", "_path_start",
     )  # fmt: skip
 
-    def __init__(self, simulation: Simulation, share: float = GUARD_SHARE) -> None:
+    def __init__(self, simulation: Simulation, share: float = INTERVENTION_SHARE) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``).
 
-        ``share``: share of the quasi-static limits at which the arm retracts, at most ``GUARD_SHARE``.
+        ``share``: share of the quasi-static limits at which the arm retracts, at most ``INTERVENTION_SHARE``.
         """
-        self._simulation, self._share = simulation, min(share, GUARD_SHARE)
+        self._simulation, self._share = simulation, min(share, INTERVENTION_SHARE)
         self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)
         configuration = simulation.configuration()
         worlds = len(configuration)
-        self.output = np.zeros((worlds, len(simulation.scene.action_names)))
+        self.executed_action = np.zeros((worlds, len(simulation.scene.action_names)))
         self.retracting, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
         self.interventions = np.zeros(worlds, dtype=np.intp)
-        self._commanded, self._force_n = self.output, np.zeros((worlds, len(BODY_REGIONS)))
+        self._commanded, self._force_n = self.executed_action, np.zeros((worlds, len(BODY_REGIONS)))
         self._path = np.repeat(configuration[:, None], WAYPOINTS, axis=1)
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
@@ -73,27 +74,26 @@ class ForceGuard(PerWorldState):
         return self.retracting | self.holding
 
     def begin_step(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) to execute from the start of a control step, given the commanded ones."""
+        """Returns the actions (N, A) to execute at the start of a control step with commanded actions (N, A)."""
         self._approach.update()
         self._commanded = commanded
-        self.output = self._decide()
-        return self.output
+        self.executed_action = self._decide()
+        return self.executed_action
 
     def update(self, commanded: FloatArray | None = None) -> BoolArray:
-        """Updates ``output`` before each further physics step. Returns a mask (N,) of the worlds in which ``output``
-        changes.
+        """Updates ``executed_action`` before each further physics step. Returns a mask (N,) of the worlds in which
+        ``executed_action`` changes.
 
         ``commanded`` (N, A) are the new commands, if any.
         """
-        before = self.output
+        before = self.executed_action
         if commanded is not None:
             self._commanded = commanded
-        self.output = self._decide()
-        return (self.output != before).any(axis=-1)
+        self.executed_action = self._decide()
+        return (self.executed_action != before).any(axis=-1)
 
     def describe_override(self, world: int) -> str:
-        """Returns the reason why the guard overrides a world's command: the force and its limit, or the speed and its
-        limit."""
+        """Returns the reason why the guard overrides the command in a world, with the measured value and its limit."""
         if not self._pressed[world]:
             return self._approach.describe(world)
         force_n = self._force_n[world]
@@ -115,7 +115,7 @@ class ForceGuard(PerWorldState):
         was_retracting, was_overriding = self.retracting, self.overriding
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
-        released = RELEASE_SHARE * self._share / GUARD_SHARE
+        released = RELEASE_SHARE * self._share / INTERVENTION_SHARE
         self._pressed = (most > self._share) | (self._pressed & (most >= released))
         self.retracting = self._pressed | self._approach.person_too_fast
         self.holding = self._approach.closing_too_fast & ~self.retracting

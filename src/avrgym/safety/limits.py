@@ -26,18 +26,18 @@ import numpy as np
 from avrgym.array_types import FloatArray
 
 TRANSIENT_S = 0.5
-"""A force above the quasi-static limit for longer than this is not transient."""
+"""Maximum duration of a transient force above the quasi-static limit."""
 
 
 @dataclass(frozen=True)
 class BodyRegion:
-    """A region of the body: its limits, spring constant, effective mass, and geoms in ``human.GEOMS``."""
+    """A region of the body: its force limits, spring constant, effective mass, and geoms in ``human.GEOMS``."""
 
     name: str
     quasi_static_limit_n: float
     transient_factor: float
-    spring_n_mm: float
-    mass_kg: float
+    spring_constant_n_mm: float
+    effective_mass_kg: float
     geoms: tuple[str, ...]
 
     @property
@@ -74,12 +74,12 @@ QUASI_STATIC_LIMIT_N: FloatArray = np.array([region.quasi_static_limit_n for reg
 TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in BODY_REGIONS])
 
 
-def max_impact_speed_m_s(force_n: FloatArray, arm_kg: float) -> FloatArray:
+def max_impact_speed_m_s(force_n: FloatArray, arm_mass_kg: float) -> FloatArray:
     """Returns the contact speed (R,) at which an impact causes a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
 
-    ISO/TS 15066:2016, A.3.4: the kinetic energy of the two masses becomes that of the spring. ``arm_kg`` is the arm's
-    effective mass.
+    ISO/TS 15066:2016, A.3.4: the kinetic energy of the two masses becomes that of the spring. ``arm_mass_kg`` is the
+    arm's effective mass.
     """
-    springs_n_m = np.array([1000.0 * region.spring_n_mm for region in BODY_REGIONS])
-    masses_kg = np.array([region.mass_kg for region in BODY_REGIONS])
-    return force_n / np.sqrt(springs_n_m / (1.0 / masses_kg + 1.0 / arm_kg))
+    springs_n_m = np.array([1000.0 * region.spring_constant_n_mm for region in BODY_REGIONS])
+    masses_kg = np.array([region.effective_mass_kg for region in BODY_REGIONS])
+    return force_n / np.sqrt(springs_n_m / (1.0 / masses_kg + 1.0 / arm_mass_kg))

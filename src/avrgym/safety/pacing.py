@@ -1,4 +1,4 @@
-"""Pacing layer: participants pace a robot whose policy knows no commands.
+"""Pacing layer: participants give commands to a robot although its policy does not process commands.
 
 The policy drives the tool until it is at the waiting distance from mouth or arm. The robot waits there for ``ready``.
 The layer scales the policy's actions, keeps distance and side, and backs off at ``wait``, see ``commands.vocabulary``.
@@ -14,10 +14,10 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import (
     DEFAULT_PREFERENCES,
     DISTANCE_STEP_M,
-    FARTHEST_M,
-    FASTEST,
-    NEAREST_M,
-    SLOWEST,
+    MAX_DISTANCE_M,
+    MAX_SPEED_FACTOR,
+    MIN_DISTANCE_M,
+    MIN_SPEED_FACTOR,
     SPEED_STEP,
     AppliedRules,
 )
@@ -32,7 +32,7 @@ from avrgym.simulation.state import State
 from avrgym.simulation.worlds import Simulation
 
 MODES = ("approaching", "waiting", "backing_off", "changing_side", "continuing", "stopped")
-"""What the layer does. The policy drives while the robot approaches or continues."""
+"""Modes of the pacing layer. The policy drives the robot in the modes ``approaching`` and ``continuing``."""
 APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(MODES))
 TOLERANCE_M = 0.05
 """A waiting robot backs off when a participant is closer than the preferred distance by more than this."""
@@ -46,6 +46,7 @@ COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", 
 """Entries of the input ``command`` of controllers: 1 for the latest command, the time since it (up to 60 s), the speed
 factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1 while the robot waits."""
 MAX_AGE_S = 60.0
+"""Maximum value of ``age_s``."""
 NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0])
 """The input ``command`` without a command."""
 _PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
@@ -58,14 +59,14 @@ _SIDES = {"any": 0.0, "left": 1.0, "right": -1.0}
 
 
 class Pacing(PerWorldState):
-    """Overrides actions in N worlds by the commands of participants.
+    """Overrides the actions in N worlds according to the participants' commands.
 
     ``mode`` (N,) are indices in ``MODES``, ``speed_factor`` (N,) factors of the policy's actions, ``distance_m`` (N,)
     the preferred distances, ``side`` (N,) the preferred sides (1 left, −1 right, 0 any). ``gap_m`` (N,) is the distance
     between tool and mouth or arm at the start of the control step.
     """
 
-    STATE = (
+    STATE_FIELDS = (
         "mode", "speed_factor", "distance_m", "side", "gap_m", "_lateral_m", "_own",
         "_paused_s", "_moved_s", "_side_tried", "_latest", "_age_s",
     )  # fmt: skip
@@ -97,19 +98,19 @@ class Pacing(PerWorldState):
         for world in ids.tolist():
             self._retreats.pop(world, None)
 
-    def build(self, world: int) -> None:
-        """Build the retreat of a world in advance. This takes milliseconds."""
+    def prepare_retreat(self, world: int) -> None:
+        """Create the retreat controller of a world in advance, because this takes milliseconds."""
         self._retreats[world] = Retreat(
             self._simulation,
             world,
             mouth_distance_m=np.inf,
-            person_distance_m=FARTHEST_M,
+            person_distance_m=MAX_DISTANCE_M,
             steps=round(float(self._moved_s[world]) / self._step_s),
             step_s=self._step_s,
         )
 
-    def take(self, command: CommandName, worlds: BoolArray) -> BoolArray:
-        """Take a command in the worlds of a mask (N,). Returns the mask of the worlds in which it has an effect."""
+    def apply_command(self, command: CommandName, worlds: BoolArray) -> BoolArray:
+        """Apply a command in the worlds of a mask (N,). Returns the mask of the worlds in which it has an effect."""
         before = self.mode, self.speed_factor, self.distance_m, self.side
         worlds = worlds & (self.mode != STOPPED)
         self._latest = np.where(worlds, COMMAND_INDEX[command], self._latest)
@@ -128,7 +129,7 @@ class Pacing(PerWorldState):
                 self._enter(BACKING_OFF, worlds & ~waiting)
             case "slower" | "faster":
                 change = SPEED_STEP if command == "faster" else -SPEED_STEP
-                changed = np.clip(self.speed_factor + change, SLOWEST, FASTEST)
+                changed = np.clip(self.speed_factor + change, MIN_SPEED_FACTOR, MAX_SPEED_FACTOR)
                 self.speed_factor = np.where(worlds, changed, self.speed_factor)
             case "closer":
                 self._change_distance(-DISTANCE_STEP_M, worlds)
@@ -145,18 +146,18 @@ class Pacing(PerWorldState):
                 self.mode = np.where(worlds, STOPPED, self.mode)
 
     def _change_distance(self, change_m: float, worlds: BoolArray) -> None:
-        changed = np.clip(self.distance_m + change_m, NEAREST_M, FARTHEST_M)
+        changed = np.clip(self.distance_m + change_m, MIN_DISTANCE_M, MAX_DISTANCE_M)
         self.distance_m = np.where(worlds, changed, self.distance_m)
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) for the next control step, given those of the policy. Call it once per step."""
+        """Returns the actions (N, A) to execute, given the policy's actions. Call this method once per control step."""
         self._age_s = np.minimum(self._age_s + self._step_s, MAX_AGE_S)
         if self.rules.pacing:
             self._update_modes(self._simulation.state())
-        return self.apply(commanded)
+        return self.override_within_step(commanded)
 
-    def apply(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) for changed actions of the policy within a control step."""
+    def override_within_step(self, commanded: FloatArray) -> FloatArray:
+        """Returns the actions (N, A) to execute if the policy's actions change within a control step."""
         if not self.rules.pacing:
             return np.where((self.mode == STOPPED)[:, None], 0.0, commanded)
         scaled = np.clip(self.speed_factor[:, None] * np.clip(commanded, -1.0, 1.0), -1.0, 1.0)
@@ -255,7 +256,7 @@ class Pacing(PerWorldState):
 
     def _retreat(self, world: int) -> Retreat:
         if world not in self._retreats:
-            self.build(world)
+            self.prepare_retreat(world)
         return self._retreats[world]
 
     def _distances(self, state: State) -> tuple[FloatArray, FloatArray]:

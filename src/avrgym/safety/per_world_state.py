@@ -1,4 +1,4 @@
-"""State of safety layers with one row for each world: cleared at a reset, and copied with an environment."""
+"""Base class of safety layers whose state has one row for each world."""
 
 from typing import Any, ClassVar
 
@@ -6,23 +6,22 @@ from avrgym.array_types import IntArray
 
 
 class PerWorldState:
-    """Base class of safety layers. ``STATE`` contains the names of their arrays (N, …) that change from step to
-    step."""
+    """Base class of safety layers. ``STATE_FIELDS`` contains the names of arrays (N, …) that change during episodes."""
 
-    STATE: ClassVar[tuple[str, ...]]
+    STATE_FIELDS: ClassVar[tuple[str, ...]]
 
     def snapshot(self) -> dict[str, Any]:
         """Returns the whole state on which the next steps depend."""
-        return {name: getattr(self, name).copy() for name in self.STATE}
+        return {name: getattr(self, name).copy() for name in self.STATE_FIELDS}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Restores a state from ``snapshot``."""
-        for name in self.STATE:
+        for name in self.STATE_FIELDS:
             setattr(self, name, snapshot[name].copy())
 
     def _clear(self, ids: IntArray) -> None:
         """Set the rows of worlds ``ids`` (n,) to zero, in new arrays."""
-        for name in self.STATE:
+        for name in self.STATE_FIELDS:
             array = getattr(self, name).copy()
             array[ids] = 0
             setattr(self, name, array)

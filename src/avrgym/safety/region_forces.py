@@ -18,12 +18,12 @@ from avrgym.safety.limits import (
 )
 
 GEOM_CONTACTS, CLOTH_GEOM_CONTACTS = 8, 64
-"""Number of strongest contacts that a sensor reads for one geom of the person, without and with cloth. A grasp with
-three fingers has fewer than 8; a sleeve around an arm has up to 40."""
+"""Maximum number of contacts that a sensor measures for one geom of the person, without and with cloth. A grasp with
+three fingers has fewer than 8 contacts, a sleeve around an arm up to 40."""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
-    """Measure the contacts of robot and cloth with each geom of the person.
+    """Add sensors of the contact forces of robot and cloth on each geom of the person.
 
     The sensors do not change the simulation. With many contacts, a physics step takes up to a sixth longer with the
     sensors.
@@ -38,7 +38,7 @@ def _sensor(geom: str) -> str:
 
 
 class RegionForceSensors:
-    """Reads the sensors of ``add_region_sensors`` from the live sensor data (N, S) of worlds."""
+    """Reads the sensors of ``add_region_sensors`` from the sensor data (N, S) of N worlds."""
 
     def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
         self._sensordata = sensordata
@@ -48,7 +48,7 @@ class RegionForceSensors:
         ).reshape(len(sensors), -1, 3)
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
-    def read_n(self) -> FloatArray:
+    def read_forces_n(self) -> FloatArray:
         """Returns the contact forces by region, (N, R), in newtons: the sum of the magnitudes of all contact forces."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)

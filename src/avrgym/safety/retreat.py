@@ -1,4 +1,4 @@
-"""Retreat: an arm moves its tool slowly away from a person, and keeps every link away from the person.
+"""Retreat: the arm moves its tool slowly away from a person and avoids contact of all links.
 
 Ten times a second a small quadratic programme computes joint speeds. The tool follows its desired velocity closely.
 Velocity dampers keep every link away from the person (Faverjon and Tournassoud, IEEE Int. Conf. Robotics and
@@ -25,12 +25,15 @@ MOUTH_DISTANCE_M = 0.32
 PERSON_DISTANCE_M = 0.10
 """Distance of tool and hand from the person at the end of the retreat."""
 MAX_DURATION_S = 6.0
+"""Maximum duration of a retreat."""
 MIN_GAP_M = 0.01
-NEAR_M = 0.15
+"""Gap at which the allowed closing speed is zero."""
+MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
 ROTATION_LEVER_M = 0.2
 """Weight of rotations: one radian counts as this distance."""
 DAMPING = 0.03
+"""Weight of squared joint speeds in the quadratic programme."""
 BRAKING_TIME_S = 0.3
 """Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
 REGULARIZATION = 1e-6
@@ -38,22 +41,22 @@ REGULARIZATION = 1e-6
 person."""
 
 
-class NearGaps(NamedTuple):
-    """The L pairs of geoms with a small gap between the arm and the person or furniture.
+class SmallGaps(NamedTuple):
+    """L small gaps between geoms of the arm and geoms of the person or furniture.
 
     ``gap_m`` (L,) is negative where the geoms touch. ``away_w`` (L, 3) is the direction towards the arm. ``rows`` (L,
-    J) map joint speeds to the speed at which a gap opens. ``of_hand`` (L,) marks gaps between the person and hand or
+    J) map joint speeds to the speed at which a gap opens. ``is_hand`` (L,) marks gaps between the person and hand or
     tool.
     """
 
     gap_m: FloatArray
     away_w: FloatArray
     rows: FloatArray
-    of_hand: BoolArray
+    is_hand: BoolArray
 
 
 class Retreat:
-    """The retreat of one world's arm; it starts with the first call of ``action``."""
+    """Retreat controller of the arm in one world. The retreat starts with the first call of ``action``."""
 
     def __init__(
         self,
@@ -115,33 +118,33 @@ class Retreat:
         from the person."""
         return self._speeds(velocity_w, self._measure()) / self._speed_limit
 
-    def _measure(self) -> NearGaps:
+    def _measure(self) -> SmallGaps:
         """Copy the world's present state, and measure its gaps."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         return self._near()
 
-    def _is_clear(self, near: NearGaps) -> bool:
+    def _is_clear(self, near: SmallGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]
         return float(np.linalg.norm(from_mouth_w)) > self._mouth_distance_m and bool(
-            (near.gap_m[near.of_hand] > self._person_distance_m).all()
+            (near.gap_m[near.is_hand] > self._person_distance_m).all()
         )
 
-    def _desired_velocity_w(self, near: NearGaps) -> FloatArray:
+    def _desired_velocity_w(self, near: SmallGaps) -> FloatArray:
         """The desired velocity (3,) of the tool: away from the head and, if the hand is near the body, away from the
         body.
         """
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
-        if near.of_hand.any():
-            nearest = np.where(near.of_hand, near.gap_m, np.inf).argmin()
+        if near.is_hand.any():
+            nearest = np.where(near.is_hand, near.gap_m, np.inf).argmin()
             away = (
                 away
                 + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._person_distance_m) * near.away_w[nearest]
             )
         return SPEED_M_S * _unit(away)
 
-    def _speeds(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
+    def _speeds(self, velocity_w: FloatArray, near: SmallGaps) -> FloatArray:
         """The speeds (A,) of joints and drive that best achieve a tool velocity without rotation, within the limits of
         gaps and joint ranges.
         """
@@ -157,22 +160,24 @@ class Retreat:
         excess = np.abs(speeds / self._speed_limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
         return speeds / max(1.0, *excess)
 
-    def _near(self) -> NearGaps:
+    def _near(self) -> SmallGaps:
         pairs: list[tuple[float, FloatArray, FloatArray, bool]] = []
         ends_w = np.empty(6)
         for link in self._links:
             for obstacle in self._obstacles:
-                gap_m = mujoco.mj_geomDistance(self._model, self._data, obstacle, link, NEAR_M, ends_w)
-                if gap_m < NEAR_M and gap_m != 0.0:
+                gap_m = mujoco.mj_geomDistance(
+                    self._model, self._data, obstacle, link, MAX_CONSIDERED_GAP_M, ends_w
+                )
+                if gap_m < MAX_CONSIDERED_GAP_M and gap_m != 0.0:
                     away_w = (ends_w[3:] - ends_w[:3]) / gap_m
                     jacobian = self._jacobian(int(self._model.geom_bodyid[link]), ends_w[3:])
-                    of_hand = link in self._hand and obstacle in self._person
-                    pairs.append((gap_m, away_w, away_w @ jacobian[:3], of_hand))
+                    is_hand = link in self._hand and obstacle in self._person
+                    pairs.append((gap_m, away_w, away_w @ jacobian[:3], is_hand))
         if not pairs:
-            return NearGaps(
+            return SmallGaps(
                 np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._speed_limit))), np.zeros(0, bool)
             )
-        return NearGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
+        return SmallGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
         """The Jacobian (6, A) of a point of a body, from speeds of joints and drive to linear and angular velocity."""

@@ -23,9 +23,9 @@ WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 
 
 class Withdrawal(PerWorldState):
-    """Drives the arms in worlds in which the task is complete. The mask ``driving`` (N,) marks these worlds."""
+    """Moves the tools away after success. The mask ``driving`` (N,) marks the worlds in which it drives the arm."""
 
-    STATE = ("driving", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
+    STATE_FIELDS = ("driving", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -47,7 +47,7 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def update(self, success: BoolArray, events: IntArray) -> None:
-        """Update with success and number of events (N,) of a control step."""
+        """Process the success and the number of events (N,) of a control step."""
         self._awaits_event = self._awaits_event & (events == 0)
         settled = success & (events == 0) & ~self._awaits_event
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
@@ -55,7 +55,7 @@ class Withdrawal(PerWorldState):
         self._actions = None
 
     def interrupt(self, worlds: BoolArray) -> None:
-        """Return to the policy in the worlds of a mask (N,). The next event (such as a bite) precedes another
+        """End the withdrawal in the worlds of a mask (N,). The next event (such as a bite) can start another
         withdrawal."""
         ended = worlds & self.driving
         self.driving, self._away = self.driving & ~ended, self._away & ~ended
@@ -68,9 +68,7 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) for the next control step: the withdrawal's actions in the worlds that
-        it drives, elsewhere the commands.
-        """
+        """Returns the actions (N, A) to execute: the withdrawal's in worlds that it drives, otherwise the commands."""
         if not self.driving.any():
             return commanded
         if self._actions is None:

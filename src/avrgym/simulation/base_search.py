@@ -18,6 +18,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.robot import BaseRange
 
 CANDIDATES = 100
+"""Number of candidate base poses for each world."""
 NUM_UNIFORMS = 3 * CANDIDATES
 """Number of uniform random numbers for one world's candidates."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
@@ -36,11 +37,11 @@ class BasePoses:
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of candidates, (n, C).
+    """Scores of C candidates in n worlds, (n, C) each.
 
-    ``start_reached``: the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual error; a
-    radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from the start pose. ``isotropy``:
-    sum over the reached poses; 0 if the start pose is not reached.
+    ``start_reached``: whether the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual
+    error; a radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from the start pose.
+    ``isotropy``: sum of the isotropy over all reached poses; 0 if the start pose is not reached.
     """
 
     start_reached: BoolArray
@@ -53,8 +54,8 @@ class Scores:
 class BaseChoice:
     """The best candidate of each world: its ``index`` (n,), its pose and the joint positions (n, J) at the start.
 
-    ``reached`` (n,): the arm reaches the start pose within 5 mm and 0.05 rad. In the other worlds no candidate reaches
-    the start pose, and the best candidate is the closest one.
+    ``reached`` (n,): whether the arm reaches the start pose within 5 mm and 0.05 rad. In all other worlds, no candidate
+    reaches the start pose, and the best candidate has the smallest error.
     """
 
     index: IntArray
@@ -67,11 +68,13 @@ class BaseChoice:
 PathCost = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """A function that returns the costs (n, K) of K initial states of n worlds, from the positions (n, K, 3) and yaw angles
 (n, K) of the base, and the joint positions (n, K, J)."""
-NUM_REHEARSED = 16
-"""Number of candidates whose motion is rehearsed."""
+NUM_REHEARSALS = 16
+"""Number of candidates for which ``path_cost`` is computed."""
 
 
-def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray) -> BasePoses:
+def sample_base_poses(
+    base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray
+) -> BasePoses:
     """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
     shares = uniforms.reshape(len(uniforms), -1, 3)
@@ -79,7 +82,7 @@ def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: Fl
     return BasePoses(np.asarray(pos_w) + offsets * [1.0, 1.0, 0.0], yaw_rad + offsets[..., 2])
 
 
-def search(
+def search_base_pose(
     chain: Chain,
     candidates: BasePoses,
     start_pos_w: FloatArray,
@@ -91,7 +94,7 @@ def search(
 ) -> BaseChoice:
     """Returns the best candidate of each world: it reaches the start pose and most goals, with the highest isotropy.
 
-    With ``path_cost``, the result is the candidate with the lowest cost among the ``NUM_REHEARSED`` best ones.
+    With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_REHEARSALS`` candidates.
 
     A goal is reached within 3 cm (reference) and 15°. Candidates with equal numbers of goals are compared by the sum of
     the joint-limit-weighted kinematic isotropy over the start pose and the reached goals. Inverse kinematics begins at
@@ -117,7 +120,7 @@ def search(
     merit = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world)
     index = merit.argmax(axis=-1)
     if path_cost is not None:
-        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_REHEARSED]
+        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_REHEARSALS]
         rows = ranked + per_world * np.arange(count)[:, None]
         cost = path_cost(bases.pos_w[rows], bases.yaw_rad[rows], arms.joint_positions[rows])
         index = ranked[np.arange(count), cost.argmin(axis=-1)]

@@ -1,4 +1,4 @@
-"""Indices into a scene's model and data, looked up once by name."""
+"""Indices of joints, bodies and sensors in a scene's model. Each name is looked up once."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -31,12 +31,12 @@ class ModelAddresses:
     def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
         arm = [robot.PREFIX + joint for joint in scene.arm.joints]
         self.arm_qpos = _qpos(model, arm)
-        self.arm_ctrl = actuators(model, arm)
+        self.arm_ctrl = actuator_ids(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
         self.mimic_joints = _followers(model)
         drives = scene.robot.drive is not None
         self.drive_qpos = _qpos(model, [robot.PREFIX + joint for joint in DRIVE_JOINTS if drives])
-        self.drive_ctrl = actuators(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
+        self.drive_ctrl = actuator_ids(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
         self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
         self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
         self.tool = model.body(TOOL).id
@@ -52,7 +52,7 @@ class ModelAddresses:
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
         driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm) + len(self.drive_ctrl)]
-        self.person_qpos, self.person_ctrl = _qpos(model, driven), actuators(model, driven)
+        self.person_qpos, self.person_ctrl = _qpos(model, driven), actuator_ids(model, driven)
         self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
         particles = scene.tool.particles.bodies if scene.tool.particles else ()
         cloth = scene.tool.cloth.bodies if scene.tool.cloth else ()
@@ -69,8 +69,8 @@ class ModelAddresses:
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
-    def on_device_of(self, array: Any) -> "ModelAddresses":
-        """Returns the same indices, as arrays on the device of another array."""
+    def to_device_of(self, array: Any) -> "ModelAddresses":
+        """Returns the same indices as arrays on the device of ``array``."""
         there = copy(self)
         for name, addresses in vars(self).items():
             if isinstance(addresses, np.ndarray):
@@ -79,7 +79,10 @@ class ModelAddresses:
 
 
 class MimicJoint(NamedTuple):
-    """A joint that mimics another: indices of both in qpos, and the polynomial's coefficients (5,)."""
+    """A joint that mimics another joint.
+
+    ``qpos`` and ``leader_qpos`` are the indices of both in qpos, ``polynomial`` the coefficients (5,).
+    """
 
     qpos: int
     leader_qpos: int
@@ -109,7 +112,8 @@ def _slides_qpos(model: mujoco.MjModel, bodies: Sequence[str]) -> IntArray:
     return _qpos(model, joints).reshape(-1, 3)
 
 
-def actuators(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
+def actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
+    """Returns the ids of the actuators with these names."""
     return np.array([model.actuator(name).id for name in names], dtype=np.intp)
 
 

@@ -9,11 +9,11 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.models import compliance, human
 from avrgym.models.human import People, Person
 from avrgym.models.scene import SceneConfig
-from avrgym.simulation.model_addresses import actuators
+from avrgym.simulation.model_addresses import actuator_ids
 
 
 class PersonModelFields:
-    """Writes the model fields of each world's person."""
+    """Writes body sizes, masses, torque limits and damping of each world's person into the models."""
 
     def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
@@ -31,12 +31,13 @@ class PersonModelFields:
         self._mass = batch.expand("body_mass")
         if moving:
             self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
-            self._actuators = actuators(model, [human.PREFIX + name for name in human.JOINTS])
+            self._actuators = actuator_ids(model, [human.PREFIX + name for name in human.JOINTS])
             self._force_range = batch.expand("actuator_forcerange")
             self._damping = batch.expand("dof_damping")
             self._dofs = model.jnt_dofadr[[model.joint(human.PREFIX + name).id for name in human.JOINTS]]
 
     def write(self, ids: IntArray, people: People) -> None:
+        """Write the model fields of ``people`` (n,) into the models of worlds ``ids`` (n,)."""
         layout = human.layout_of_people(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
@@ -57,7 +58,7 @@ class PersonModelFields:
             self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
-        """Set the compliance of people's contacts. Call it after ``set_const``, which computes constants."""
+        """Set the compliance of contacts with people in worlds ``ids`` (n,). Call this method after ``set_const``."""
         self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: IntArray, people: People, kg: FloatArray) -> None:

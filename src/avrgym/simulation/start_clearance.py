@@ -1,4 +1,4 @@
-"""Clearance in the initial state of an episode, between robot, tool, particles, person and furniture."""
+"""Checks the clearance between robot, tool, particles, person and furniture in initial states."""
 
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -36,7 +36,7 @@ _SPHERE, _CAPSULE, _CYLINDER = (
 
 
 class NoClearanceError(ValueError):
-    """No initial state with enough clearance was found. The message names a pair of bodies that overlaps."""
+    """Raised if no initial state with enough clearance was found. The message names two bodies that overlap."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Geoms:
     """All geoms of n worlds: centres (n, G, 3), orientations (n, G, 9) row by row, sizes (n, G, 3); world frame."""
 
     pos_w: FloatArray
-    mat_w: FloatArray
+    rotation_w: FloatArray
     size_m: FloatArray
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two bodies that are too close: their names, their gap (negative if they overlap), and the minimum clearance."""
+    """Two bodies that are too close. ``gap_m`` is their distance, negative if they overlap."""
 
     body1: str
     body2: str
@@ -115,7 +115,7 @@ class StartClearance:
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]
-        self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.mat_w[world]
+        self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_w[world]
         gaps = np.array([self._gap_m(pair, float(clearance_m[pair])) for pair in pairs])
         lacking = gaps - clearance_m[pairs]
         worst = lacking.argmin()

@@ -1,4 +1,4 @@
-"""The state of worlds that tasks read, and the initial state of worlds."""
+"""State of N worlds for tasks and observations, and initial states."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,10 @@ from avrgym.models.human import People
 
 @dataclass(frozen=True)
 class RightArm:
-    """The frames of upper arm, forearm and hand: shoulder, elbow and wrist; (N, 3, 3) and (N, 3, 4), world frame."""
+    """Poses of upper arm, forearm and hand: positions of shoulder, elbow and wrist (N, 3, 3), quaternions (N, 3, 4).
+
+    World frame, metres.
+    """
 
     right_arm_pos_w: FloatArray
     right_arm_q_w: FloatArray
@@ -30,7 +33,7 @@ class State(Arms):
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``
     (N, 3) is x, y (m) and yaw (rad) of a driving base in the frame of its start; (N, 0) for other robots.
     ``robot_pos_w`` is the robot's torso, or its base if it has no torso. The pad is the part of the tool that touches
-    people, see ``Tool``. ``placed_pos_w`` contains the positions of the furniture that every episode places, by body.
+    people, see ``Tool``. ``placed_pos_w`` contains the positions of the scene's movable furniture, by body.
     ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of ``human.GEOMS``:
     ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their radii.
     ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused rows have
@@ -75,8 +78,8 @@ class State(Arms):
 class Start:
     """The initial state of n worlds.
 
-    The state consists of the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J),
-    and the positions (n, 3) of the scene's movable furniture. ``tool_error_m`` (n,) is the distance of the tool from
+    It contains the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and the
+    positions (n, 3) of the scene's movable furniture. ``tool_error_m`` (n,) is the distance of the tool from
     its intended position, if the scene checks the reach.
     """
 

@@ -52,19 +52,21 @@ REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
 
 
 @lru_cache(maxsize=16)
-def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
+def _compiled(
+    scene: SceneConfig, moving: bool, by_region: bool, interpolate_person_targets: bool
+) -> mujoco.MjModel:
     """The scene's compiled model, see ``Simulation``. The model is cached: copy it before you change it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
         add_region_sensors(spec, scene)
-    if gliding:
+    if interpolate_person_targets:
         human.use_speed_targets(spec)
     return spec.compile()
 
 
 class Simulation:
-    """N worlds of a scene. Each world has its own person. Every reset sets this person."""
+    """Simulates N worlds of a scene. Each world has its own person, which each reset sets."""
 
     def __init__(
         self,
@@ -74,7 +76,7 @@ class Simulation:
         moving: bool = False,
         num_threads: int = 0,
         by_region: bool = False,
-        gliding: bool = False,
+        interpolate_person_targets: bool = False,
         engine: str = THREADS,
         on_device: bool = False,
     ) -> None:
@@ -86,7 +88,7 @@ class Simulation:
             moving: whether the people's joints move; otherwise people are static.
             num_threads: threads of the host; 0: one per core.
             by_region: whether ``region_force_n`` is measured. This takes time and changes no other result.
-            gliding: whether joint targets of moving people are interpolated, see ``command_person``.
+            interpolate_person_targets: whether joint targets of moving people are interpolated, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
             on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
                 on the host.
@@ -98,13 +100,14 @@ class Simulation:
         """
         if by_region and on_device:
             raise ValueError(
-                "forces by region are measured on the host; allowed: by_region without on_device"
+                "by_region and on_device are both true; allowed: one of them, because forces by region are "
+                "measured on the host"
             )
         self.scene = scene
         self.num_worlds = num_worlds
         self.moving = moving
-        self._gliding = gliding
-        self.model = copy(_compiled(scene, moving, by_region, gliding))
+        self._gliding = interpolate_person_targets
+        self.model = copy(_compiled(scene, moving, by_region, interpolate_person_targets))
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
         engine_model = without_unused_computation(self.model)
@@ -112,11 +115,11 @@ class Simulation:
         self.batch, self._now = self.engine.batch, self.engine.now
         self._host = Arrays.of(self.batch)
         self._names = ModelAddresses(self.model, scene)
-        self._at = self._names.on_device_of(self.exemplar)
+        self._at = self._names.to_device_of(self.example_array)
         self._person = PersonModelFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
-        self._segment_w: Any = to_device_of(np.zeros((*geoms, 3)), self.exemplar)
-        self._capsule_m: Any = to_device_of(np.zeros(geoms), self.exemplar)
+        self._segment_w: Any = to_device_of(np.zeros((*geoms, 3)), self.example_array)
+        self._capsule_m: Any = to_device_of(np.zeros(geoms), self.example_array)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit
         self._drive = scene.robot.drive
@@ -125,18 +128,20 @@ class Simulation:
         self._max_lead = MAX_LEAD_RAD * units
         of_base = kinematics.joint_units(BASE_TYPES if self._drive is not None else ())
         self.units = np.concatenate([units, of_base])
-        """Displacements that count as 1 in a configuration, see ``kinematics.Chain.units``."""
+        """Units of the joint positions in a configuration, see ``kinematics.Chain.units``."""
         self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
 
     @property
-    def exemplar(self) -> Any:
+    def example_array(self) -> Any:
         """An example array with the device and data type of states and commands."""
         return self._now.qpos
 
     def reset(self, ids: IntArray, start: Start) -> None:
-        """Set worlds ``ids`` (n,) to the initial states ``start``: all bodies at rest, particles on the tool, servos at
-        their targets."""
+        """Set worlds ``ids`` (n,) to the initial states ``start``.
+
+        All bodies are at rest, particles are on the tool, and servo targets are the joint positions.
+        """
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
         for name, body in names.placed.items():
@@ -196,26 +201,26 @@ class Simulation:
                 pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], part.initial_pos)
                 host.qpos[ids[:, None, None], qpos] = pos
 
-    def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
+    def command_robot(self, action: FloatArray, world_mask: BoolArray | None = None) -> None:
         """Command speeds for the next steps: actions (N, A) in [−1, 1], speeds divided by their limits.
 
-        A drive that would exceed the speed limit of a wheel slows down on the same curve. The mask ``which`` (N,)
-        limits the command to some worlds; not on a device.
+        If a wheel would exceed its speed limit, the base drives the same curve more slowly. The mask ``world_mask``
+        (N,) limits the command to some worlds; not on a device.
         """
         if self._brakes is not None:
             self._brakes.release()
         at = self._at
-        if which is None:
+        if world_mask is None:
             self._now.act[:, at.arm_act] = self.joint_targets()
             self._now.ctrl[:, at.arm_ctrl] = self._joint_speed(action)
             if self._drive is not None:
                 self._now.ctrl[:, at.drive_ctrl] = self._base_velocity(action, self._drive)
         else:
-            rows = np.nonzero(which)[0][:, None]
-            self._now.act[rows, self._names.arm_act] = self.joint_targets()[which]
-            self._now.ctrl[rows, self._names.arm_ctrl] = self._joint_speed(action[which])
+            rows = np.nonzero(world_mask)[0][:, None]
+            self._now.act[rows, self._names.arm_act] = self.joint_targets()[world_mask]
+            self._now.ctrl[rows, self._names.arm_ctrl] = self._joint_speed(action[world_mask])
             if self._drive is not None:
-                self._now.ctrl[rows, at.drive_ctrl] = self._base_velocity(action[which], self._drive)
+                self._now.ctrl[rows, at.drive_ctrl] = self._base_velocity(action[world_mask], self._drive)
 
     def _joint_speed(self, action: FloatArray) -> FloatArray:
         """The joint speeds (n, J) of actions (n, A), rad/s or m/s."""
@@ -231,7 +236,7 @@ class Simulation:
         return xp.stack([share * forward, 0.0 * forward, share * turn], axis=-1)
 
     def brake_robot(self) -> None:
-        """Brake arms and drives: they stop and hold their position. Servo targets become the joint positions."""
+        """Apply the brakes of arms and drives. Servo targets become the present joint positions."""
         at = self._at
         if self._brakes is not None:
             self._brakes.engage()
@@ -240,25 +245,27 @@ class Simulation:
         if self._drive is not None:
             self._now.ctrl[:, at.drive_ctrl] = 0.0
 
-    def command_person(self, joint_targets_rad: FloatArray, which: BoolArray | None = None) -> None:
-        """Set the targets (N, 20) of a moving person's servos. With ``gliding``, the servos' inputs reach the targets
-        after 0.1 s.
+    def command_person(self, joint_targets_rad: FloatArray, world_mask: BoolArray | None = None) -> None:
+        """Set the targets (N, 20) of a moving person's servos.
 
-        The mask ``which`` (N,) limits the command to some worlds; not on a device.
+        With ``interpolate_person_targets``, the servo inputs change linearly to the targets in 0.1 s.
+
+
+        The mask ``world_mask`` (N,) limits the command to some worlds; not on a device.
         """
         at, command = self._at, joint_targets_rad
         if self._gliding:
             command = (joint_targets_rad - self._now.act[:, at.person_act]) / CONTROL_STEP_S
-        if which is None:
+        if world_mask is None:
             self._now.ctrl[:, at.person_ctrl] = command
         else:
-            self._now.ctrl[np.nonzero(which)[0][:, None], self._names.person_ctrl] = command[which]
+            self._now.ctrl[np.nonzero(world_mask)[0][:, None], self._names.person_ctrl] = command[world_mask]
 
     def step(self, substeps: int = SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
         """Advance all worlds by physics steps. Forces are from the last step, positions from its end.
 
         ``person_targets_rad`` (``substeps``, N, 20) are targets of a moving person's servos, one for each physics step;
-        not with ``gliding``.
+        not with ``interpolate_person_targets``.
         """
         if person_targets_rad is None:
             self.engine.step(substeps)
@@ -274,19 +281,19 @@ class Simulation:
         """
         self.engine.check()
 
-    def remove_particles(self, gone: BoolArray) -> None:
-        """Move the particles of the mask ``gone`` (N, K) to ``REMOVED_PARTICLE_POS_W``, without weight."""
-        particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
-        if particles is None or (xp is np and not gone.any()):
+    def remove_particles(self, removed: BoolArray) -> None:
+        """Move the particles of the mask ``removed`` (N, K) to ``REMOVED_PARTICLE_POS_W``, without weight."""
+        particles, xp, at, now = self.scene.tool.particles, namespace(removed), self._at, self._now
+        if particles is None or (xp is np and not removed.any()):
             return
-        number, each = np.arange(len(particles.bodies)), gone[:, :, None]
+        number, each = np.arange(len(particles.bodies)), removed[:, :, None]
         spots = REMOVED_PARTICLE_POS_W + np.stack([0.02 * number, 0.0 * number, 0.0 * number], axis=-1)
         pos, velocity = now.qpos[:, at.particle_qpos], now.qvel[:, at.particle_dof]
         now.qpos[:, at.particle_qpos] = xp.where(each, constant_like(spots, pos), pos)
         now.qvel[:, at.particle_dof] = xp.where(each, 0.0, velocity)
         push = now.qfrc_applied[:, at.particle_dof[:, 2]]
         weight_n = -float(self.model.opt.gravity[2]) * particles.mass_kg
-        now.qfrc_applied[:, at.particle_dof[:, 2]] = xp.where(gone, weight_n, push)
+        now.qfrc_applied[:, at.particle_dof[:, 2]] = xp.where(removed, weight_n, push)
 
     def state(self) -> State:
         """Returns the state of all worlds, in new arrays."""
@@ -343,7 +350,7 @@ class Simulation:
         """
         if self._region_forces is None:
             raise RuntimeError("forces by region are not measured; create the simulation with by_region=True")
-        return self._region_forces.read_n()
+        return self._region_forces.read_forces_n()
 
     def arms(self) -> Arms:
         """Returns the people's arms, in new arrays."""
@@ -351,25 +358,24 @@ class Simulation:
         return Arms(pos_w[:, at.right_arm], q_w[:, at.right_arm], pos_w[:, at.left_arm], q_w[:, at.left_arm])
 
     def hips(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the people's hips: positions (N, 3), quaternions (N, 4), world frame."""
+        """Returns the poses of the people's hips: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.hips
         return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
 
-    def robot_base(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the robots' bases at the start of the episode: positions (N, 3), quaternions (N, 4), world frame."""
+    def initial_base_pose(self) -> tuple[FloatArray, FloatArray]:
+        """Returns the initial poses of the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
-    def current_base(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the present poses of the robots' bases, as in ``robot_base``. Driving robots move away from their
-        initial pose."""
+    def base_pose(self) -> tuple[FloatArray, FloatArray]:
+        """Returns the present poses of the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
         if self._drive is None:
-            return self.robot_base()
+            return self.initial_base_pose()
         body = self._names.robot_base
         return float_copy(self._now.xpos[:, body]), float_copy(self._now.xquat[:, body])
 
     def placed_pos_w(self) -> dict[str, FloatArray]:
-        """Returns the positions (N, 3) of the furniture that every episode places, by body, world frame."""
+        """Returns the positions (N, 3) of the scene's movable furniture, by body, world frame."""
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
     def joint_positions(self) -> FloatArray:
@@ -414,7 +420,7 @@ class Simulation:
         return float_copy(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> FloatArray:
-        """Returns the whole state on which the next step depends: MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
+        """Returns the state of one world on which the next step depends: MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         self.engine.copy_to_host(np.array([world]))
         return self.batch.state[world].copy()
 
@@ -450,7 +456,7 @@ class Simulation:
         self._segment_w[:] = to_device_of(snapshot["worlds"]["segment_w"], self._segment_w)
         self.engine.copy_from_host(everywhere)
         forces = snapshot["worlds"]["sensordata"].copy()  # the last step is not repeated
-        self._now = replace(self.engine.now, sensordata=to_device_of(forces, self.exemplar))
+        self._now = replace(self.engine.now, sensordata=to_device_of(forces, self.example_array))
 
     def _expanded(self) -> dict[str, NumpyArray]:
         """The model fields that differ between worlds, by name."""

@@ -40,10 +40,10 @@ class DeviceActions:
     """Checks actions on the engine's device, without copies to the host. ``raise_invalid`` later reports numbers that
     are not finite."""
 
-    def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
-        """Create checks of actions (N, A) that have the device and the data type of the array ``exemplar``."""
-        self._shape, self._exemplar = (num_worlds, action_size), exemplar
-        self._invalid: Any = to_device_of(np.zeros(num_worlds, dtype=bool), exemplar)
+    def __init__(self, num_worlds: int, action_size: int, example_array: Any) -> None:
+        """Create checks of actions (N, A) that have the device and the data type of the array ``example_array``."""
+        self._shape, self._exemplar = (num_worlds, action_size), example_array
+        self._invalid: Any = to_device_of(np.zeros(num_worlds, dtype=bool), example_array)
 
     def validate_actions(self, action: Any) -> Any:
         """Returns the actions, with zeros in place of numbers that are not finite.

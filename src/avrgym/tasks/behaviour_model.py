@@ -36,7 +36,7 @@ class BehaviourModel:
         posture: Posture,
         *,
         human_actions: bool,
-        exemplar: Any = None,
+        example_array: Any = None,
     ) -> None:
         """Start with the initial state of these people.
 
@@ -46,14 +46,14 @@ class BehaviourModel:
             offered: body part that people bring to the tool.
             posture: sitting or reclined.
             human_actions: whether only actions move people, see ``move_targets``.
-            exemplar: an array on the device of the state, if it differs from the device of ``people``.
+            example_array: an array on the device of the state, if it differs from the device of ``people``.
         """
         self._partners = None if human_actions else distribution.partners
         self._cooperating = distribution.cooperating and not human_actions
         self._offered: OfferedPart = offered
         self._posture = posture
         height = people.torso_height_m
-        self._exemplar = height if exemplar is None else exemplar
+        self._exemplar = height if example_array is None else example_array
         uniforms = namespace(height).zeros(
             (len(height), cooperation.NUM_UNIFORMS), dtype=height.dtype, device=height.device
         )
@@ -76,7 +76,7 @@ class BehaviourModel:
     def _initial(self, people: People, uniforms: FloatArray) -> tuple[BehaviourState, MotorState]:
         if self._partners is not None:
             state = partner_behaviour.initial_state(
-                people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:]
+                people, self._partners.sample(uniforms[:, :2]), uniforms[:, 2:]
             )
             moved = partner_behaviour.motor_state(state, people)
         else:
@@ -95,7 +95,7 @@ class BehaviourModel:
         observe: Callable[[], PersonObservation],
         people: People,
         limit: JointLimiter,
-        which: BoolArray | None = None,
+        world_mask: BoolArray | None = None,
     ) -> FloatArray:
         """Take a step of 0.1 s in version 1 of the motion; returns the joint targets (N, 20) at its end.
 
@@ -112,11 +112,14 @@ class BehaviourModel:
         else:
             observation = observe() if self._cooperating else None
             state, targets = motion_version_1.step_participants(old, people, observation, offered, posture)
-        self._state = _chosen(which, state, self._state)
+        self._state = _chosen(world_mask, state, self._state)
         return limit(targets)
 
     def choose_goals(
-        self, observe: Callable[[], PersonObservation], limit: JointLimiter, which: BoolArray | None = None
+        self,
+        observe: Callable[[], PersonObservation],
+        limit: JointLimiter,
+        world_mask: BoolArray | None = None,
     ) -> None:
         """Choose the joint angles that people want for the next 0.1 s. The arguments are those of ``step``."""
         state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
@@ -127,7 +130,10 @@ class BehaviourModel:
         elif self._cooperating:
             state, goals = cooperation.choose_goals(state, goals, observe(), self._offered, self._posture)
         moved = motor.set_goal(self._motor, limit(goals), startled)
-        self._state, self._motor = _chosen(which, state, self._state), _chosen(which, moved, self._motor)
+        self._state, self._motor = (
+            _chosen(world_mask, state, self._state),
+            _chosen(world_mask, moved, self._motor),
+        )
 
     def next_targets(self, limit: JointLimiter, count: int) -> FloatArray:
         """Take ``count`` steps of 10 ms; returns the joint targets (``count``, N, 20) at their ends."""
@@ -135,10 +141,10 @@ class BehaviourModel:
         return limit(targets)
 
 
-def _chosen(which: BoolArray | None, new: Any, old: Any) -> Any:
+def _chosen(world_mask: BoolArray | None, new: Any, old: Any) -> Any:
     """Returns the state ``new`` in the worlds of a mask (N,), and ``old`` in others; ``None``: all worlds."""
-    if which is None:
+    if world_mask is None:
         return new
-    rows = np.nonzero(which)[0]
+    rows = np.nonzero(world_mask)[0]
     taken = {name: array[rows] for name, array in state_arrays(new).items()}
     return replace_worlds(old, type(new)(**taken), rows)

@@ -11,7 +11,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import AppliedRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.scene import SUBSTEPS
-from avrgym.safety.force_guard import GUARD_SHARE, ForceGuard
+from avrgym.safety.force_guard import INTERVENTION_SHARE, ForceGuard
 from avrgym.safety.pacing import NO_COMMAND, Pacing
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.safety.withdrawal import Withdrawal
@@ -100,7 +100,7 @@ class ControlLoop:
         self._episodes, self._simulation = episodes, episodes.simulation
         withdraws = withdraw_after_success and episodes.task.withdraws_after_success
         self.withdrawal = Withdrawal(self._simulation) if withdraws else None
-        share = GUARD_SHARE if rules is None else rules.preferences.force_share
+        share = INTERVENTION_SHARE if rules is None else rules.preferences.force_share
         self.guard = ForceGuard(self._simulation, share) if force_guard else None
         self.pacing = None if rules is None else Pacing(self._simulation, episodes.task.offered, rules)
         self._reward_withdrawal = reward_withdrawal
@@ -154,7 +154,7 @@ class ControlLoop:
         if self.pacing is None:
             return ~everywhere
         worlds = everywhere if worlds is None else worlds
-        effective = self.pacing.take(command, worlds)
+        effective = self.pacing.apply_command(command, worlds)
         if command == "again" and self.withdrawal is not None and self.pacing.rules.pacing:
             effective = effective | (worlds & self.withdrawal.driving)
             self.withdrawal.interrupt(worlds)
@@ -215,8 +215,8 @@ class ControlLoop:
         if self.guard is not None:
             changed = self.guard.update(actions)
             if changed.any():
-                self._simulation.command_robot(self.guard.output, changed)
-            self._executed = self.guard.output
+                self._simulation.command_robot(self.guard.executed_action, changed)
+            self._executed = self.guard.executed_action
             return bool(changed.any())
         if actions is not None:
             self._simulation.command_robot(actions)
@@ -288,7 +288,7 @@ class ControlLoop:
         requested = None if self.withdrawing.all() else source.update_action()
         if requested is not None:
             checked = self._episodes.validate_actions(requested)
-            paced = checked if self.pacing is None else self.pacing.apply(checked)
+            paced = checked if self.pacing is None else self.pacing.override_within_step(checked)
             self._commanded = self.apply_withdrawal(paced)
         if hold == self._was_held:
             actions = None if hold or requested is None else self._commanded

@@ -157,7 +157,7 @@ class Episodes:
             moving=moving or self._people.move or self.task.strength_share is not None,
             num_threads=num_threads,
             by_region=by_region or force_guard,
-            gliding=self._people.glide,
+            interpolate_person_targets=self._people.glide,
             engine=engine,
             on_device=on_device,
         )
@@ -168,7 +168,7 @@ class Episodes:
             offered=self._people.spread_arm,
             mirrored=self.scene.in_task_frame.frame.mirrored,
         )
-        there = self.simulation.exemplar
+        there = self.simulation.example_array
         self._people.place(there)
         self.task_state = to_device_of(
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
@@ -248,7 +248,7 @@ class Episodes:
 
     def episode_start(self, world: int) -> EpisodeStart:
         """The initial state of a world's episode, without its person. Call it before the first step is evaluated."""
-        pos_w, q_w = self.simulation.robot_base()
+        pos_w, q_w = self.simulation.initial_base_pose()
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
             robot_q_w=q_w[world].tolist(),
@@ -401,7 +401,7 @@ class Episodes:
         """Evaluate the present state as if a step with zero actions had ended. The tasks' states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
-            np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar
+            np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
         )
         return self.loop.annotate(
             self._step(state, self.task.evaluate_step(state, rest, self.task_state), rest), rest

@@ -163,9 +163,9 @@ def find_start(
             positions = path_cost.best_posture(base_pos, mount.yaw_rad, positions, uniforms)
     else:
         candidates = _clear_of_furniture(
-            scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
+            scene, base_search.sample_base_poses(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
-        found = base_search.search(
+        found = base_search.search_base_pose(
             chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose, path_cost
         )
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z_AXIS, found.base.yaw_rad)

@@ -204,11 +204,11 @@ class _SimulationInFrame:
         self.num_worlds = simulation.num_worlds
         self.joint_positions, self.joint_targets = simulation.joint_positions, simulation.joint_targets
 
-    def robot_base(self) -> tuple[FloatArray, FloatArray]:
-        return self._base(*self._simulation.robot_base())
+    def initial_base_pose(self) -> tuple[FloatArray, FloatArray]:
+        return self._base(*self._simulation.initial_base_pose())
 
-    def current_base(self) -> tuple[FloatArray, FloatArray]:
-        return self._base(*self._simulation.current_base())
+    def base_pose(self) -> tuple[FloatArray, FloatArray]:
+        return self._base(*self._simulation.base_pose())
 
     def _base(self, pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
         return self._frame.points(pos_w), self._frame.rotations(q_w, Y)

@@ -13,7 +13,7 @@ from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SUBSTEPS, SceneC
 from avrgym.networks.policy import PolicyError
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
-from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.distributions import Pose
 from avrgym.people.impaired_motion import ImpairedState, MotorSigns
 from avrgym.people.motor import MOTION_VERSION
@@ -151,24 +151,27 @@ class WorldPeople:
     @property
     def spread_arm(self) -> bool:
         """Whether the initial arm pose of these people is random."""
-        return self.person is None and any(self._pose(each).spreads_arm for each in self._populations)
+        return self.person is None and any(self._pose(each).has_random_arm for each in self._populations)
 
-    def place(self, exemplar: Any) -> None:
-        """Create the people, and their behaviour model on the device of the array ``exemplar``."""
-        self._exemplar = exemplar
+    def place(self, example_array: Any) -> None:
+        """Create the people, and their behaviour model on the device of the array ``example_array``."""
+        self._exemplar = example_array
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
         self._signs = self._motion = None
         if self._clinical:
-            signs = impaired_motion.without_signs(np.zeros((self._num_worlds, len(JOINTS))))
+            signs = impaired_motion.unimpaired_signs(np.zeros((self._num_worlds, len(JOINTS))))
             motion = impaired_motion.initial_state(self.people.joint_angles_rad)
-            self._signs, self._motion = to_device_of(signs, exemplar), to_device_of(motion, exemplar)
+            self._signs, self._motion = (
+                to_device_of(signs, example_array),
+                to_device_of(motion, example_array),
+            )
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
             self._frame.people(self.people),
             self._task.offered,
             self._posture,
             human_actions=self._actions,
-            exemplar=exemplar,
+            example_array=example_array,
         )
 
     def _set_people(self, people: People) -> None:
@@ -223,7 +226,7 @@ class WorldPeople:
                 distribution, self._pose(population), self._posture, self._furniture, for_bodies
             )
         if distribution.partners is not None:
-            people = partners.apply_partner_bodies(people, distribution.partners.draw(for_behaviour[:, :2]))
+            people = partners.apply_partner_bodies(people, distribution.partners.sample(for_behaviour[:, :2]))
         if self.person is None:
             people = self._frame.people(people)
         people = impairments.apply_impairment(people, population.impairment, for_impairments)
@@ -232,11 +235,13 @@ class WorldPeople:
 
     def _sample_signs(self, chosen: IntArray, for_impairments: FloatArray) -> MotorSigns:
         """Sample the motor signs of n people of the populations of index ``chosen`` (n,)."""
-        signs = impaired_motion.without_signs(for_impairments[:, 1:])
+        signs = impaired_motion.unimpaired_signs(for_impairments[:, 1:])
         for number, population in enumerate(self._populations):
             if impairments.is_clinical(population.impairment):
                 (rows,) = np.nonzero(chosen == number)
-                signs = replace_worlds(signs, motor_signs(population.impairment, for_impairments[rows]), rows)
+                signs = replace_worlds(
+                    signs, sample_motor_signs(population.impairment, for_impairments[rows]), rows
+                )
         return signs
 
     def _pose(self, population: Population) -> Pose:
@@ -254,19 +259,19 @@ class WorldPeople:
         Call this method in every control step, or every 0.1 s if control steps are longer. With ``smooth``, call
         ``next_targets`` instead.
         """
-        which = self._due(self._steps_per_target)
+        world_mask = self._due(self._steps_per_target)
         self._steps += 1
         targets = self._behaviour.step(
-            self._observing(observe), self._people_in_frame, self._limit_in_frame, which
+            self._observing(observe), self._people_in_frame, self._limit_in_frame, world_mask
         )
-        return self._impaired(self._frame.joint_angles(targets), CONTROL_STEP_S, which), which
+        return self._impaired(self._frame.joint_angles(targets), CONTROL_STEP_S, world_mask), world_mask
 
     def next_targets(self, observe: Callable[[], State], count: int) -> FloatArray:
         """Returns the joint targets (``count``, N, 20) for the ends of the next physics steps. ``count`` divides
         ``SUBSTEPS``; the previous counts add up to one of its multiples."""
-        which = self._due(SUBSTEPS)
-        if which is None or which.any():
-            self._behaviour.choose_goals(self._observing(observe), self._limit_in_frame, which)
+        world_mask = self._due(SUBSTEPS)
+        if world_mask is None or world_mask.any():
+            self._behaviour.choose_goals(self._observing(observe), self._limit_in_frame, world_mask)
         self._steps += count
         targets = self._frame.joint_angles(self._behaviour.next_targets(self._limit_in_frame, count))
         if self._signs is None:
@@ -278,18 +283,20 @@ class WorldPeople:
         due = self._steps % every == 0
         return None if due.all() else due
 
-    def _impaired(self, targets_rad: FloatArray, step_s: float, which: BoolArray | None = None) -> FloatArray:
-        """Returns the joint targets (N, 20) that impaired people execute after ``step_s``, in the worlds ``which``
+    def _impaired(
+        self, targets_rad: FloatArray, step_s: float, world_mask: BoolArray | None = None
+    ) -> FloatArray:
+        """Returns the joint targets (N, 20) that impaired people execute after ``step_s``, in the worlds ``world_mask``
         (N,)."""
         if self._signs is None or self._motion is None:
             return targets_rad
         motion, executed = impaired_motion.step(
             self._signs, self._motion, targets_rad, self._device_people.joint_angles_rad, step_s
         )
-        if which is None:
+        if world_mask is None:
             self._motion = motion
         else:
-            rows = np.nonzero(which)[0]
+            rows = np.nonzero(world_mask)[0]
             taken = ImpairedState(**{name: array[rows] for name, array in vars(motion).items()})
             self._motion = replace_worlds(self._motion, taken, rows)
         return self._limit(executed)

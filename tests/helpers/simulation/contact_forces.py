@@ -41,7 +41,7 @@ def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
-    _, base_q = episodes.simulation.current_base()
+    _, base_q = episodes.simulation.base_pose()
     way = transforms.rotate(transforms.conjugate(base_q), way_w)
     chain, drives = placement.arm_chain(episodes.scene), episodes.scene.robot.drive is not None
     jacobian = kinematics.action_jacobian(chain, state.joint_positions, drives=drives)

@@ -67,7 +67,7 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     deepest = 0.0
     for world in range(simulation.num_worlds):
         model.geom_size[:] = geoms.size_m[world]
-        data.geom_xpos[:], data.geom_xmat[:] = geoms.pos_w[world], geoms.mat_w[world]
+        data.geom_xpos[:], data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_w[world]
         for first in robot:
             for second in others:
                 mounted = model.body(model.geom_bodyid[first]).name == fastened

@@ -176,7 +176,7 @@ def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
             rows += _range(group.simulated, f"torso_height_{sex}_m", spans, *ends)
         for axis in AXES:
             ends = [
-                (-TRAINING_PEOPLE[name].waist_deg, TRAINING_PEOPLE[name].waist_deg)
+                (-TRAINING_PEOPLE[name].waist_range_deg, TRAINING_PEOPLE[name].waist_range_deg)
                 for name in HEIGHT_DISTRIBUTIONS
             ]
             means = [_span(row, f"waist_{axis}_deg", f"waist_{axis}_deg") for row in group.trials]

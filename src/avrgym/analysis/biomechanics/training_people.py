@@ -50,7 +50,7 @@ AXES = ("x", "y", "z")
 _ORIGINAL, _REVISED = DISTRIBUTIONS["original"], DISTRIBUTIONS["revised"]
 TRAINING_PEOPLE: Mapping[str, Distribution] = {
     "original": _ORIGINAL,
-    "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
+    "original, heights varied": replace(_REVISED, waist_range_deg=_ORIGINAL.waist_range_deg),
     "revised": _REVISED,
 }
 """Training populations by name.

@@ -1,4 +1,4 @@
-"""Behaviour model of zoo partners: it computes the joint angles that they want from their observations.
+"""Behaviour model of zoo partners: computes their goal joint angles from their observations.
 
 ``people.motor`` moves the joints to these goals, and adds sway, chewing and tremor.
 """
@@ -30,7 +30,7 @@ from avrgym.people.zoo.partners import BehaviourParameters
 JointLimiter = Callable[[FloatArray], FloatArray]
 """Function that clips joint angles (N, 20) of N people to their joint ranges."""
 
-REMEMBERED_STEPS = 11
+STORED_TOOL_POSITIONS = 11
 """Number of stored tool positions: the current position and those of the last second."""
 STARTLE_INTERVAL_S = 3.0
 """Minimum time between two startles."""
@@ -47,7 +47,7 @@ class PartnerState:
     Attributes:
         parameters: table (N, 23) of ``BehaviourParameters``.
         uniforms: random numbers of each person, 0 to 1 (N, 4).
-        tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
+        tool_history_w: latest tool positions (N, ``STORED_TOOL_POSITIONS``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
         targets_rad: joint targets without rhythmic motion (N, 20).
         speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
@@ -64,7 +64,7 @@ class PartnerState:
     targets_rad: FloatArray
     speed_rad_s: FloatArray
     time_s: FloatArray
-    near_s: FloatArray
+    tool_near_s: FloatArray
     since_startle_s: FloatArray
     startle_count: FloatArray
 
@@ -88,13 +88,13 @@ def initial_state(people: People, parameters: BehaviourParameters, uniforms: Flo
         parameters=parameters.table(),
         uniforms=uniforms,
         tool_history_w=xp.zeros(
-            (len(uniforms), REMEMBERED_STEPS, 3), dtype=uniforms.dtype, device=uniforms.device
+            (len(uniforms), STORED_TOOL_POSITIONS, 3), dtype=uniforms.dtype, device=uniforms.device
         ),
         rest_rad=people.joint_angles_rad,
         targets_rad=people.joint_angles_rad,
         speed_rad_s=at_rest,
         time_s=none,
-        near_s=none,
+        tool_near_s=none,
         since_startle_s=xp.full_like(none, NEVER_S),
         startle_count=none,
     )
@@ -103,8 +103,10 @@ def initial_state(people: People, parameters: BehaviourParameters, uniforms: Flo
 def choose_goals(
     state: PartnerState, observation: PersonObservation, offered: OfferedPart, posture: Posture
 ) -> tuple[PartnerState, FloatArray]:
-    """Returns the next state, in which the tool is observed, and the joint angles (N, 20) that partners want, before
-    limits of range and speed."""
+    """Returns the next state and the goal joint angles (N, 20) of partners, from an observation of the tool.
+
+    The goals are not yet limited to joint ranges and speeds.
+    """
     parameters = BehaviourParameters.from_table(state.parameters)
     history = namespace(state.tool_history_w).concat(
         [observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1
@@ -116,15 +118,15 @@ def choose_goals(
 
 
 def are_startled(state: PartnerState) -> BoolArray:
-    """Returns a mask (N,) of the partners who start."""
-    return state.since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_s
+    """Returns a mask (N,) of the partners that are startled."""
+    return state.since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
 
 
 def motor_state(state: PartnerState, people: People) -> MotorState:
     """Returns the initial state of the motor model."""
     parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.uniforms
-    further = motor.low_digits(uniforms)
-    rhythms = motor.rhythms_of(
+    further = motor.derive_uniforms(uniforms)
+    rhythms = motor.sample_rhythms(
         RAD_PER_DEGREE * parameters.sway_deg,
         parameters.sway_hz,
         2.0 * np.pi * uniforms[:, :2],
@@ -138,8 +140,10 @@ def motor_state(state: PartnerState, people: People) -> MotorState:
 
 
 def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
-    """Returns targets (N, 20) with the K ``joints`` moved for one control step. ``action`` (N, K) is their speed
-    divided by ``SPEED_RAD_S``, clipped to ±1."""
+    """Returns targets (N, 20) after the motion of the K ``joints`` in one control step.
+
+    ``action`` (N, K) is the joint speed divided by ``SPEED_RAD_S``, clipped to ±1.
+    """
     columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
     targets = float_copy(targets_rad)
     reach = constant_like(CONTROL_STEP_S * SPEED_RAD_S[columns], targets)
@@ -162,7 +166,7 @@ def _perceive_tool(
     tool = (1.0 - share) * state.tool_history_w[row, whole] + share * state.tool_history_w[row, whole + 1]
     aware = state.time_s > parameters.reaction_s + 1.5 * CONTROL_STEP_S
     tool = xp.where(aware[:, None], tool, observation.mouth_pos_w)
-    ahead = cooperation.in_torso_frame(state.targets_rad, tool - observation.head_pos_w, posture)
+    ahead = cooperation.to_torso_frame(state.targets_rad, tool - observation.head_pos_w, posture)
     match offered:
         case "mouth":
             gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - observation.mouth_pos_w), np.inf)
@@ -180,11 +184,11 @@ def _update_startle(
     """Returns the state with updated times of nearness and startles."""
     xp = namespace(percept.gap_m)
     near = percept.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
-    startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_m)
-    startled &= state.since_startle_s > parameters.startle_s + STARTLE_INTERVAL_S
+    startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_distance_m)
+    startled &= state.since_startle_s > parameters.startle_duration_s + STARTLE_INTERVAL_S
     return replace(
         state,
-        near_s=xp.where(near, state.near_s + CONTROL_STEP_S, 0.0),
+        tool_near_s=xp.where(near, state.tool_near_s + CONTROL_STEP_S, 0.0),
         since_startle_s=xp.where(startled, 0.0, state.since_startle_s + CONTROL_STEP_S),
         startle_count=state.startle_count + startled,
     )
@@ -208,17 +212,17 @@ def _desired_angles(
 
 def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
     """Change ``desired`` by occasional head turns: to the side of a companion, or to a random side."""
-    count, share = _periods(state, parameters.glance_every_s, 2)
+    count, share = _periods(state, parameters.glance_period_s, 2)
     away = (parameters.glance_share > 0.0) & (share >= 1.0 - parameters.glance_share)
     side = 1.0 - 2.0 * (state.uniforms[:, 3] < 0.5)
     anywhere = 2.0 * _uniform(state.uniforms[:, 3], count) - 1.0
-    yaw = RAD_PER_DEGREE * (side * parameters.glance_deg + anywhere * parameters.wander_deg)
+    yaw = RAD_PER_DEGREE * (side * parameters.glance_deg + anywhere * parameters.random_glance_deg)
     desired[:, _HEAD[2]] = namespace(desired).where(away, yaw, desired[:, _HEAD[2]])
 
 
 def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
     """Change ``desired`` by occasional posture shifts: the waist moves, and the right arm moves outwards."""
-    count, _ = _periods(state, parameters.shift_every_s, 3)
+    count, _ = _periods(state, parameters.shift_period_s, 3)
     extent = RAD_PER_DEGREE * parameters.shift_deg
     for axis, joint in enumerate(_WAIST):
         desired[:, joint] += extent * (2.0 * _uniform(state.uniforms[:, axis], count) - 1.0)
@@ -231,8 +235,8 @@ def _approach(
     """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
-    halves = xp.floor(state.near_s / xp.where(hesitates, parameters.pause_s, 1.0))
-    come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), state.near_s > 0.0)
+    halves = xp.floor(state.tool_near_s / xp.where(hesitates, parameters.pause_s, 1.0))
+    come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), state.tool_near_s > 0.0)
     share = parameters.approach_share * come
     if offered == "mouth":
         desired[:, _WAIST[0]] += share * LEAN_RAD
@@ -249,8 +253,8 @@ def _withdraw(
     offered: OfferedPart,
 ) -> None:
     """Change ``desired``: bend away from the tool, and turn the face away or withdraw the forearm."""
-    is_startled = (state.startle_count > 0.0) & (state.since_startle_s <= parameters.startle_s)
-    extent_deg = parameters.away_deg * (state.near_s > 0.0)
+    is_startled = (state.startle_count > 0.0) & (state.since_startle_s <= parameters.startle_duration_s)
+    extent_deg = parameters.withdrawal_deg * (state.tool_near_s > 0.0)
     startle_deg = parameters.startle_deg * 0.5 ** (state.startle_count - 1.0)
     extent_deg = extent_deg + namespace(startle_deg).where(is_startled, startle_deg, 0.0)
     extent = RAD_PER_DEGREE * extent_deg

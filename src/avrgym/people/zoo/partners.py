@@ -1,4 +1,4 @@
-"""Partners of the zoo: for each style, one partner per combination of levels on its axes.
+"""Partners of the zoo: each style has one partner for each combination of levels on its axes.
 
 A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out
 populations are ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training
@@ -23,18 +23,18 @@ from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
 from avrgym.system import random_streams
 
-LEVELS: Mapping[str, tuple[float, ...]] = {
+STYLE_LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
     EXTREME_ZOO: (-0.4, 1.4),
 }
 """Levels on each axis of a style, by zoo: 0 selects the first value of each range, 1 the last value."""
-BOUNDS: Mapping[str, tuple[float, float]] = {
+PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.1, 0.95),
     "facing_share": (0.0, 1.0),
     "glance_share": (0.0, 0.9),
-    "glance_every_s": (0.1, np.inf),
-    "shift_every_s": (0.1, np.inf),
+    "glance_period_s": (0.1, np.inf),
+    "shift_period_s": (0.1, np.inf),
     "speed_share": (0.1, np.inf),
     "tremor_hz": (2.0, 12.0),
     "strength_share": (0.1, 1.0),
@@ -50,16 +50,17 @@ class BehaviourParameters:
 
     Attributes:
         reaction_s: reaction delay to the tool.
-        facing_share: share of the head turn that would face the tool completely.
+        facing_share: executed share of the head rotation that is needed to face the tool.
         approach_share: extent of the approach to a near tool (lean, or lift the arm), relative to
             ``people.cooperation``.
         pause_s: waiting time before the approach, and again half-way.
-        away_deg: extent of withdrawal while the tool is near.
-        startle_deg, startle_m, startle_s: extent of a startle, the tool distance that triggers it, and its duration.
-        glance_deg, wander_deg: occasional head turns to one side, and to a random side.
-        glance_every_s, glance_share: period of the head turns, and their share of the period.
+        withdrawal_deg: extent of withdrawal while the tool is near.
+        startle_deg, startle_distance_m, startle_duration_s: extent of a startle, the tool distance that triggers it,
+            and its duration.
+        glance_deg, random_glance_deg: occasional head turns to one side, and to a random side.
+        glance_period_s, glance_share: period of the head turns, and their share of the period.
         chew_deg, chew_hz: head motion with the jaw.
-        shift_deg, shift_every_s: extent and period of posture shifts.
+        shift_deg, shift_period_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
         speed_share: speed and acceleration relative to the limits of ``people.motor``.
         tremor_deg, tremor_hz: tremor amplitude of the head, and frequency. The amplitude of the arms is half as large.
@@ -70,18 +71,18 @@ class BehaviourParameters:
     facing_share: FloatArray
     approach_share: FloatArray
     pause_s: FloatArray
-    away_deg: FloatArray
+    withdrawal_deg: FloatArray
     startle_deg: FloatArray
-    startle_m: FloatArray
-    startle_s: FloatArray
+    startle_distance_m: FloatArray
+    startle_duration_s: FloatArray
     glance_deg: FloatArray
-    wander_deg: FloatArray
-    glance_every_s: FloatArray
+    random_glance_deg: FloatArray
+    glance_period_s: FloatArray
     glance_share: FloatArray
     chew_deg: FloatArray
     chew_hz: FloatArray
     shift_deg: FloatArray
-    shift_every_s: FloatArray
+    shift_period_s: FloatArray
     sway_deg: FloatArray
     sway_hz: FloatArray
     speed_share: FloatArray
@@ -90,9 +91,9 @@ class BehaviourParameters:
     strength_share: FloatArray
     range_share: FloatArray
 
-    def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
-        """Returns the parameters of the partners ``rows``, as arrays of the same library and device as ``numbers``."""
-        return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
+    def of(self, rows: IntArray, like: Any = 0.0) -> "BehaviourParameters":
+        """Returns the parameters of the partners ``rows``, as arrays of the same library and device as ``like``."""
+        return BehaviourParameters(*(constant_like(array, like)[rows] for array in vars(self).values()))
 
     @classmethod
     def from_table(cls, table: FloatArray) -> "BehaviourParameters":
@@ -110,8 +111,8 @@ _DEFAULTS: Mapping[str, float] = {
     "speed_share": 1.0,
     "strength_share": 1.0,
     "range_share": 1.0,
-    "glance_every_s": 1.0,
-    "shift_every_s": 1.0,
+    "glance_period_s": 1.0,
+    "shift_period_s": 1.0,
     "tremor_hz": TREMOR_HZ,
 }
 
@@ -128,7 +129,7 @@ def _partners() -> tuple[Partner, ...]:
     """Returns all partners. Partners of the same zoo and style are adjacent."""
     return tuple(
         Partner(zoo, name, chosen)
-        for zoo, levels in LEVELS.items()
+        for zoo, levels in STYLE_LEVELS.items()
         for name, style in STYLES.items()
         for chosen in product(*(levels if axis else (0.0,) for axis in style.axes))
     )
@@ -137,7 +138,7 @@ def _partners() -> tuple[Partner, ...]:
 def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style at levels on its axes."""
     return {
-        trait: float(np.clip(first + level * (last - first), *BOUNDS.get(trait, ANY_VALUE)))
+        trait: float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(trait, ANY_VALUE)))
         for axis, level in zip(style.axes, levels, strict=True)
         for trait, (first, last) in axis.items()
     }
@@ -179,7 +180,7 @@ class PartnerSet:
         group = choose_index(uniforms[:, 0], len(self.groups))
         return first[group] + choose_index(uniforms[:, 1], count[group])
 
-    def draw(self, uniforms: FloatArray) -> BehaviourParameters:
+    def sample(self, uniforms: FloatArray) -> BehaviourParameters:
         """Sample n partners from uniform numbers (n, 2). Returns their parameters, arrays (n,)."""
         return self.parameters.of(self.draw_rows(uniforms), uniforms)
 
@@ -193,13 +194,14 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
 
     Args:
         estimates: means and standard deviations of each participant's parameters. Each partner is like one participant,
-            with normally distributed parameters, clipped to ``BOUNDS``. Parameters without estimate are the defaults.
+            with normally distributed parameters, clipped to ``PARAMETER_BOUNDS``. Parameters without estimate are the
+            defaults.
     """
     random = random_streams.fitted_partners()
     normal = random.standard_normal((FITTED_PARTNERS, len(PARAMETER_NAMES)))
     values = [
         {
-            name: float(np.clip(mean + deviation * z, *BOUNDS.get(name, ANY_VALUE)))
+            name: float(np.clip(mean + deviation * z, *PARAMETER_BOUNDS.get(name, ANY_VALUE)))
             for name, z in zip(PARAMETER_NAMES, row, strict=True)
             if name in estimate
             for mean, deviation in [estimate[name]]
@@ -218,9 +220,9 @@ def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
     return PartnerSet(PARTNER_PARAMETERS, tuple((rows[0], len(rows)) for rows in places))
 
 
-ZOOS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in LEVELS}
+ZOOS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in STYLE_LEVELS}
 SINGLE_STYLE_SETS: Mapping[str, PartnerSet] = {
-    f"{zoo}/{style}": _zoo_set(zoo, [style]) for zoo in LEVELS for style in STYLES
+    f"{zoo}/{style}": _zoo_set(zoo, [style]) for zoo in STYLE_LEVELS for style in STYLES
 }
 
 _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]

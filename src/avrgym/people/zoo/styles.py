@@ -35,6 +35,7 @@ SWAY: Ranges = {"sway_deg": (0.3, 1.0)}
 SWAY_RATE: Ranges = {"sway_hz": (0.1, 0.3)}
 """Frequencies of sway in Hz, up to the rate of quiet breathing."""
 SLOW: Ranges = {"speed_share": (0.5, 0.9)}
+"""Speeds of slow people, relative to the limits of ``people.motor``."""
 USUAL_SPEED: Ranges = {"speed_share": (0.82, 1.18)}
 
 STYLES: Mapping[str, Style] = {
@@ -66,15 +67,19 @@ STYLES: Mapping[str, Style] = {
         "Kirschner et al., RA-L 7(2), 2022; delay between that of a startle and that of Woods et "
         "al. 2015; the angles are our assumption",
         delay={"reaction_s": (0.14, 0.28)},
-        amplitude={"startle_deg": (8.0, 18.0), "startle_m": (0.14, 0.28), "approach_share": (0.2, 0.6)}
+        amplitude={
+            "startle_deg": (8.0, 18.0),
+            "startle_distance_m": (0.14, 0.28),
+            "approach_share": (0.2, 0.6),
+        }
         | SWAY,
-        tempo={"startle_s": (0.6, 1.8), "facing_share": (0.3, 0.7)} | SWAY_RATE,
+        tempo={"startle_duration_s": (0.6, 1.8), "facing_share": (0.3, 0.7)} | SWAY_RATE,
     ),
     "averse": Style(
         "lean away from the tool and turn the face or draw the arm from it, as long as it is near",
         "delay: Woods et al. 2015; the angles are our assumption",
         delay=SIMPLE_REACTION,
-        amplitude={"away_deg": (4.0, 12.0), "facing_share": (0.1, 0.4)} | SWAY,
+        amplitude={"withdrawal_deg": (4.0, 12.0), "facing_share": (0.1, 0.4)} | SWAY,
         tempo=SLOW | SWAY_RATE,
     ),
     "talking": Style(
@@ -82,8 +87,8 @@ STYLES: Mapping[str, Style] = {
         "faces turned to each other for 2.2 s at a time and 60 % of a conversation: Rogers et al., Sci. Rep. 8:4324, "
         "2018; meals in company: Ondras et al., CoRL 2022; the angles are our assumption",
         delay={"reaction_s": (0.3, 0.5)},
-        amplitude={"glance_deg": (25.0, 50.0), "wander_deg": (2.0, 6.0)} | APPROACH | SWAY,
-        tempo={"glance_every_s": (3.6, 8.0), "glance_share": (0.35, 0.6)} | SWAY_RATE,
+        amplitude={"glance_deg": (25.0, 50.0), "random_glance_deg": (2.0, 6.0)} | APPROACH | SWAY,
+        tempo={"glance_period_s": (3.6, 8.0), "glance_share": (0.35, 0.6)} | SWAY_RATE,
     ),
     "chewing": Style(
         "chew, and the head moves with the jaw",
@@ -97,9 +102,13 @@ STYLES: Mapping[str, Style] = {
         "look about, each time elsewhere, and notice the tool late",
         "our assumption",
         delay={"reaction_s": (0.5, 0.9)},
-        amplitude={"wander_deg": (25.0, 55.0), "facing_share": (0.1, 0.5), "approach_share": (0.2, 0.8)}
+        amplitude={
+            "random_glance_deg": (25.0, 55.0),
+            "facing_share": (0.1, 0.5),
+            "approach_share": (0.2, 0.8),
+        }
         | SWAY,
-        tempo={"glance_every_s": (2.5, 6.5), "glance_share": (0.5, 0.8)} | SWAY_RATE,
+        tempo={"glance_period_s": (2.5, 6.5), "glance_share": (0.5, 0.8)} | SWAY_RATE,
     ),
     "restless": Style(
         "shift in their seat every few seconds",
@@ -107,7 +116,7 @@ STYLES: Mapping[str, Style] = {
         "our assumption",
         delay=SIMPLE_REACTION,
         amplitude={"shift_deg": (3.0, 8.0)} | APPROACH | SWAY,
-        tempo={"shift_every_s": (2.0, 6.0)} | SWAY_RATE,
+        tempo={"shift_period_s": (2.0, 6.0)} | SWAY_RATE,
     ),
     "trembling": Style(
         "cooperate while head and arms tremble at 5 Hz",
@@ -140,18 +149,18 @@ PARAMETER_SOURCES: Mapping[str, str] = {
     "facing_share": ASSUMPTION,
     "approach_share": ASSUMPTION,
     "pause_s": "assumption; that people pause: Moon et al. 2011",
-    "away_deg": ASSUMPTION,
+    "withdrawal_deg": ASSUMPTION,
     "startle_deg": "assumption; that it habituates: Brown et al. 1991",
-    "startle_m": ASSUMPTION,
-    "startle_s": ASSUMPTION,
+    "startle_distance_m": ASSUMPTION,
+    "startle_duration_s": ASSUMPTION,
     "glance_deg": ASSUMPTION,
-    "wander_deg": ASSUMPTION,
-    "glance_every_s": "talking people: Rogers et al. 2018; distracted people: assumption",
+    "random_glance_deg": ASSUMPTION,
+    "glance_period_s": "talking people: Rogers et al. 2018; distracted people: assumption",
     "glance_share": "talking people: Rogers et al. 2018; distracted people: assumption",
     "chew_deg": "assumption; that the head moves: Häggman-Henrikson and Eriksson 2004",
     "chew_hz": "Po et al. 2011",
     "shift_deg": "Chen et al. 2021",
-    "shift_every_s": ASSUMPTION,
+    "shift_period_s": ASSUMPTION,
     "sway_deg": ASSUMPTION,
     "sway_hz": ASSUMPTION,
     "speed_share": ASSUMPTION,

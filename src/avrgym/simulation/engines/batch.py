@@ -12,7 +12,7 @@ _LIVING: "WeakSet[ForkSafeBatch]" = WeakSet()
 
 
 class ForkSafeBatch(Batch):
-    """A batch that raises an error in a forked process, instead of waiting for missing threads.
+    """A batch of worlds that raises an error in a forked process. Without the check it would wait for missing threads.
 
     A batch with one thread works in both processes.
     """
@@ -23,30 +23,30 @@ class ForkSafeBatch(Batch):
         _LIVING.add(self)
 
     def step(self, *arguments: Any, **named: Any) -> None:
-        """See ``Batch``."""
+        """Advance the worlds by physics steps, as in MuJoCo's ``Batch``."""
         self._check_process()
         super().step(*arguments, **named)
 
     def forward(self, *arguments: Any, **named: Any) -> None:
-        """See ``Batch``."""
+        """Compute quantities that depend on the state, as in MuJoCo's ``Batch``."""
         self._check_process()
         super().forward(*arguments, **named)
 
     def reset(self, *arguments: Any, **named: Any) -> None:
-        """See ``Batch``."""
+        """Reset worlds, as in MuJoCo's ``Batch``."""
         self._check_process()
         super().reset(*arguments, **named)
 
     def set_const(self, *arguments: Any, **named: Any) -> None:
-        """See ``Batch``."""
+        """Compute constants of the models, as in MuJoCo's ``Batch``."""
         self._check_process()
         super().set_const(*arguments, **named)
 
     def _check_process(self) -> None:
         if self.nthread > 1 and os.getpid() != self._process:
             raise RuntimeError(
-                "these worlds were created before the process forked, and their threads do not exist in this process; "
-                "create the environment here, use copy.deepcopy(env), or start processes with "
+                "the environment was created before the process forked, so its threads do not exist in this process; "
+                "create the environment in this process, use copy.deepcopy(env), or start processes with "
                 'multiprocessing.get_context("spawn")'
             )
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-Five = wp.types.vector(length=5, dtype=wp.float32)
+ContactParameters = wp.types.vector(length=5, dtype=wp.float32)
 
 
 @wp.kernel(enable_backward=False)
@@ -30,7 +30,7 @@ def _correct(
     priority: wp.array(dtype=int),
     stiffness_damping_of_geom: wp.array2d(dtype=wp.vec2),
     stiffness_damping: wp.array(dtype=wp.vec2),
-    impedance: wp.array(dtype=Five),
+    impedance: wp.array(dtype=ContactParameters),
 ):
     contact = wp.tid()
     if contact >= count[0]:
@@ -53,13 +53,13 @@ def _correct(
             gone = 1.0 - (1.0 - middle) * wp.pow((1.0 - share) / (1.0 - middle), power)
         now = first + gone * (last - first)
         ratio = now / last
-        impedance[contact] = Five(now, now, at[2], middle, power)
+        impedance[contact] = ContactParameters(now, now, at[2], middle, power)
         given = wp.vec2(given[0] * ratio * ratio, given[1] * ratio)
     stiffness_damping[contact] = given
 
 
-def correct(model: Any, data: Any) -> None:
-    """A contact filter that changes contacts and removes none."""
+def correct_contacts(model: Any, data: Any) -> None:
+    """Correct the parameters of all contacts in place. No contact is removed."""
     contact = data.contact
     wp.launch(
         _correct,

@@ -15,9 +15,9 @@ from avrgym.system.memory import available_bytes
 
 @dataclass(frozen=True)
 class Arrays:
-    """Live arrays of N worlds with MuJoCo's names, world axis first: NumPy arrays, or tensors on a device.
+    """Arrays of the present state of N worlds, with MuJoCo's names; world axis first. NumPy arrays or device tensors.
 
-    Callers may write the first five between steps. A step writes all other arrays.
+    Callers may write the first five arrays between steps. Each step overwrites all other arrays.
     """
 
     qpos: Any
@@ -50,7 +50,7 @@ class Engine(Protocol):
         device: the device that computes.
         batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
             states.
-        now: the present arrays: the arrays of ``batch``, copies on the host, or tensors on the device.
+        now: arrays of the present state: the arrays of ``batch``, copies on the host, or tensors on the device.
     """
 
     name: str
@@ -111,14 +111,14 @@ def make_engine(
     name, _, device = engine.partition(":")
     if name == THREADS:
         if on_device:
-            raise ValueError("the engine threads has no device of its own; allowed: warp, or warp:DEVICE")
+            raise ValueError(f"engine {engine!r} has a device; allowed: {THREADS}, warp, or warp:DEVICE")
         from avrgym.simulation.engines.threads import Threads
 
         return Threads(model, num_worlds, num_threads)
     if model.nflex:
-        raise ValueError(f"the engine {name} does not simulate cloth; allowed: {THREADS}")
+        raise ValueError(f"engine {name!r} does not simulate cloth; allowed: {THREADS}")
     if PREFIX + DRIVE_JOINTS[0] in [model.joint(joint).name for joint in range(model.njnt)]:
-        raise ValueError(f"the engine {name} does not simulate robots that drive; allowed: {THREADS}")
+        raise ValueError(f"engine {name!r} does not simulate robots that drive; allowed: {THREADS}")
     from avrgym.simulation.engines.warp import Warp
 
     return Warp(model, num_worlds, num_threads, device, on_device=on_device)
@@ -131,7 +131,7 @@ def check_engine(engine: str) -> None:
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
 
 
-def check_ready(engine: str) -> None:
+def check_available(engine: str) -> None:
     """Check that an engine can compute on this machine.
 
     Raises:
@@ -150,7 +150,7 @@ def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, 
     if free_bytes is not None and num_worlds * bytes_per_world > free_bytes:
         raise ValueError(
             f"{num_worlds} worlds need {num_worlds * bytes_per_world / 2**30:.1f} GiB of memory on {where}; "
-            f"allowed: up to {free_bytes // bytes_per_world}"
+            f"allowed: up to {free_bytes // bytes_per_world} worlds"
         )
 
 

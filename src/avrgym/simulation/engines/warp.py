@@ -45,8 +45,8 @@ class _Libraries(NamedTuple):
 
 
 @cache
-def libraries() -> _Libraries:
-    """Returns the packages of the extra.
+def import_libraries() -> _Libraries:
+    """Import the packages of the extra ``gpu`` and return them.
 
     Raises:
         RuntimeError: if the extra is not installed.
@@ -56,7 +56,9 @@ def libraries() -> _Libraries:
         warp.config.log_level = warp.LOG_ERROR
         return _Libraries(warp, import_module("mujoco_warp"), torch)
     except ModuleNotFoundError as error:
-        raise RuntimeError(f"{error.name} is missing; `pip install avrgym[gpu]` installs it") from error
+        raise RuntimeError(
+            f"engine 'warp' needs the package {error.name}, which is missing; run `pip install avrgym[gpu]`"
+        ) from error
 
 
 class Warp:
@@ -73,7 +75,7 @@ class Warp:
             ValueError: for an unknown device, or more worlds than memory allows.
             RuntimeError: if the extra is not installed.
         """
-        self._warp, self._mujoco_warp, self._torch = libraries()
+        self._warp, self._mujoco_warp, self._torch = import_libraries()
         self._device = find_device(device)
         self.device, self._num_worlds = str(self._device.name), num_worlds
         self._capacity = Capacity.of(model)
@@ -180,7 +182,7 @@ class Warp:
         self._model.opt.warn_overflow = 0
         self._model.callback.contactfilter = import_module(
             "avrgym.simulation.engines.contact_corrections"
-        ).correct
+        ).correct_contacts
         self._varying = {name: self._warp.to_torch(getattr(self._model, name)) for name in varying}
 
     def _made(self, model: mujoco.MjModel, num_worlds: int) -> Any:
@@ -198,7 +200,8 @@ class Warp:
         if told:
             self._data.overflow.zero_()
             raise RuntimeError(
-                f"buffers of the engine warp overflowed: {told} of {len(flags)} worlds; each has memory for "
+                f"buffers of engine 'warp' overflowed: {told} of {len(flags)} worlds; use fewer particles or engine "
+                f"'threads'. Each world has memory for "
                 f"{self._capacity.contacts} contacts and {self._capacity.rows} rows of constraints"
             )
 
@@ -253,8 +256,8 @@ def _first_gpu(torch: Any) -> str:
     """
     if not torch.cuda.is_available():
         raise ValueError(
-            "the engine warp needs a CUDA device, and PyTorch finds none; "
-            "`warp:cpu` uses the CPU, but is much slower than threads"
+            "engine 'warp' needs a CUDA device, and PyTorch finds none; allowed: 'threads', or 'warp:cpu', which is "
+            "much slower than 'threads'"
         )
     return "cuda:0"
 
@@ -266,10 +269,10 @@ def find_device(name: str) -> Any:
         ValueError: for an unknown device. The message lists the available devices.
         RuntimeError: if the extra is not installed.
     """
-    warp, _, torch = libraries()
+    warp, _, torch = import_libraries()
     name = name or _first_gpu(torch)
     try:
         return warp.get_device(name)
     except ValueError as error:
         known = ", ".join(str(device) for device in warp.get_devices())
-        raise ValueError(f"the engine warp has no device {name!r}; allowed: {known}") from error
+        raise ValueError(f"engine 'warp' has no device {name!r}; allowed: {known}") from error

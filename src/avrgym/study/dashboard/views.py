@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.input_names import InputMethod, StopWay
+from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
 from avrgym.recording.respondents import RESPONDENTS
@@ -74,7 +74,7 @@ class Overview:
     experimenter: str
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
-    input_stops: Mapping[InputMethod, tuple[StopWay, ...]]
+    input_stops: Mapping[InputMethod, tuple[StopInput, ...]]
     link: SessionLink | None
 
 

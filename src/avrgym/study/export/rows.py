@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.commands.input_names import METHODS
+from avrgym.commands.input_names import INPUT_METHODS
 from avrgym.models.human import SEXES
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
@@ -228,7 +228,7 @@ class AttemptRow(AttemptIdentifiers):
         str | None,
         Column(
             "How the participant selected: the method of the input profile.",
-            allowed=_one_of(*METHODS),
+            allowed=_one_of(*INPUT_METHODS),
             empty="recorded by AVR Gym 0.2",
         ),
     ]

@@ -47,7 +47,7 @@ def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRule
         StudyError: if the participant's preferences contradict the condition.
     """
     rules = store.design.conditions.get(name)
-    if rules is None or not rules.layered:
+    if rules is None or not rules.uses_pacing_layer:
         return None
     try:
         return apply_preferences(rules, own)

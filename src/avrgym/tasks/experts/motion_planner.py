@@ -50,7 +50,7 @@ class MotionPlanner:
         self._drive = drive = self.scene.robot.drive
         travel = () if drive is None else (drive.speed_limit_m_s,)
         self._reach = np.concatenate([travel, self.scene.arm.speed_limit]) * self._step_s
-        self._base_w = self._simulation.robot_base()
+        self._base_w = self._simulation.initial_base_pose()
         self._clearance = Clearance(self.scene, self._chain, *self._base_w)
         self._to_base = transforms.invert(*self._base_w)
         self._continue_from(self._simulation.joint_positions())
@@ -206,7 +206,7 @@ class MotionPlanner:
             self._set_positions(of_arm)
             return
         travel_m = self._simulation.base_displacement()[:, :1]
-        pos_w, q_w = self._simulation.current_base()
+        pos_w, q_w = self._simulation.base_pose()
         self._base_w = pos_w - travel_m * transforms.rotate(q_w, placement.X_AXIS), q_w
         self._to_base = transforms.invert(*self._base_w)
         self._set_positions(np.concatenate([travel_m, of_arm], axis=-1))

@@ -21,7 +21,7 @@ from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_RAD, Person,
 from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, TOOL
 from avrgym.networks.policy import Policy
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, motor
-from avrgym.people.clinical_impairments import motor_signs
+from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.impaired_motion import MotorSigns
 from avrgym.people.motor import MotorState
@@ -133,7 +133,7 @@ def _with_body(
     """Returns the traits with the joint ranges, strength and tremor of a partner, if any, and of an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if distribution.partners is not None:
-        partner = distribution.partners.draw(random.random((1, 2)))
+        partner = distribution.partners.sample(random.random((1, 2)))
         body = partners.apply_partner_bodies(body, partner)
     uniforms = random.random((1, impairments.NUM_UNIFORMS))
     body = impairments.apply_impairment(body, impairment, uniforms)
@@ -143,7 +143,7 @@ def _with_body(
         range_share=float(body.range_share[0]),
         strength_share=float(body.strength_share[0]),
         tremor_rad=body.tremor_rad[0],
-        signs=motor_signs(impairment, uniforms) if impairments.is_clinical(impairment) else None,
+        signs=sample_motor_signs(impairment, uniforms) if impairments.is_clinical(impairment) else None,
     )
 
 
@@ -247,7 +247,7 @@ class SimulatedParticipant:
         if isinstance(mind, partner_behaviour.PartnerState):
             return partner_behaviour.motor_state(mind, self._people)
         sway_rad, none = np.radians([traits.sway_deg]), np.zeros(1)
-        rhythms = motor.rhythms_of(
+        rhythms = motor.sample_rhythms(
             sway_rad, np.array([traits.sway_hz]), self._phase, none, none, self._chance[:, :2]
         )
         return motor.initial_state(

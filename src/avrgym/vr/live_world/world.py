@@ -170,7 +170,7 @@ class LiveWorld:
             rules=rules,
         )
         if self._loop.pacing is not None:
-            self._loop.pacing.build(0)
+            self._loop.pacing.prepare_retreat(0)
         driver.reset(self._episodes, self._generators)
 
     @property

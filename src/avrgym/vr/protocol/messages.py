@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from avrgym.commands.input_names import InputMethod as InputMethod
-from avrgym.commands.input_names import StopWay as StopWay
+from avrgym.commands.input_names import StopInput as StopInput
 from avrgym.commands.vocabulary import ClientSource, Source, WatcherSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
 from avrgym.models.body_names import BodyPart

@@ -48,7 +48,7 @@ class HeadCommands:
             self._mode = mode
         angle_rad = facing_angle_rad(world.simulation.state())
         self._gaze.update(angle_rad, world.scene_config.control_step_s)
-        if mode == "waiting" and self._gaze.looks()[0]:
+        if mode == "waiting" and self._gaze.completed_looks()[0]:
             yield "ready", "gaze"
-        if mode == "continuing" and self._gaze.looks_away()[0]:
+        if mode == "continuing" and self._gaze.completed_looks_away()[0]:
             yield "wait", "gaze"

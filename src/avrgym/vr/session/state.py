@@ -379,7 +379,7 @@ class SessionState:
     def take_command(self, command: CommandName, source: Source) -> None:
         """Pass a command to the robot, and record it. A command that the trial does not allow is ignored."""
         rules = self.current.rules
-        refusal = "this trial has no commands" if rules is None else rules.refusal(command, source)
+        refusal = "this trial has no commands" if rules is None else rules.rejection_reason(command, source)
         if refusal:
             self.ignore_command(command, source, refusal)
             return
