@@ -41,6 +41,7 @@ BODIES: dict[str, Any] = {
     "declined-consent": {"version": "1"},
     "inclusion": {"answers": {}},
     "input": {"profile": {"method": "head", "dwell_s": 2}},
+    "respondent": {"respondent": "proxy"},
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},
     "edited-notes": {"id": 1, "text": "looked right"},

@@ -25,10 +25,11 @@ import {
   resultsText,
   safetyText,
   scoresTable,
+  sessionsTable,
   trialsTable,
   type Table,
 } from "./tables";
-import { showLink } from "./session-link";
+import { showCaregiverLink, showLink } from "./session-link";
 import { element } from "../page/dom";
 
 /** The value of a form field. */
@@ -68,8 +69,12 @@ export class Dashboard {
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
-    this.onAct("consent", "consent", "is recorded", () => ({ version: this.overview!.consent_version }));
-    this.onAct("decline", "declined-consent", "is stored", () => ({ version: this.overview!.consent_version }));
+    this.onAct("consent", "consent", "is recorded", (form) => ({ version: this.overview!.consent_version, role: field(form, "role") }));
+    this.onAct("decline", "declined-consent", "is stored", () => ({
+      version: this.overview!.consent_version,
+      role: this.person?.missing_consent === "assent" ? "assent" : "participant",
+    }));
+    this.onAct("respondent", "respondent", "is stored", (form) => ({ respondent: field(form, "respondent") }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
     this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
     this.onSubmit("link", () => this.renewLink());
@@ -179,6 +184,7 @@ export class Dashboard {
   private showOverview(overview: Overview): void {
     const { summary, live, furniture, languages, warnings, link } = overview;
     showLink(link);
+    showCaregiverLink(overview.caregiver_addresses);
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
     element("progress").textContent = progressText(overview);
@@ -233,7 +239,11 @@ export class Dashboard {
     this.fill("questions", person.inclusion, () => Object.entries(person.inclusion).map(yesOrNo));
     element("begin-button").textContent = beginText(person);
     element("consent").hidden = state !== "enrolled" && !must_reconsent;
-    element("decline").hidden = !must_reconsent;
+    element("decline").hidden = !must_reconsent && person.missing_consent !== "assent";
+    this.fill("consents", person.consents, () => person.consents.map(line));
+    this.showRespondent(person);
+    element("sessions-part").hidden = person.sessions.length === 0;
+    this.showTable("sessions", sessionsTable(person.sessions));
     element("inclusion").hidden = state !== "consented" || must_reconsent;
     element("begin").hidden = state !== "allocated" || inSession || must_reconsent;
     element("trials-part").hidden = trials.length === 0;
@@ -245,6 +255,14 @@ export class Dashboard {
     this.input.show(person.input, participant);
     element("input-words").textContent = person.input_words;
     this.fill("notes", notes, () => notes.map((note) => this.noteLine(note)));
+  }
+
+  /** Shows who answers, unless the experimenter is changing it. */
+  private showRespondent({ participant, respondent }: Participant): void {
+    const key = `${participant} ${respondent}`;
+    if (this.shown.get("respondent") === key) return;
+    this.shown.set("respondent", key);
+    (element<HTMLFormElement>("respondent").elements.namedItem("respondent") as HTMLSelectElement).value = respondent;
   }
 
   /** Hides parts that do not apply to simulated participants. */
@@ -286,6 +304,7 @@ export class Dashboard {
 /** The object of an action, for its confirmation message. */
 const NOUNS: Record<Action, string> = {
   consent: "consent",
+  respondent: "who answers",
   "declined-consent": "the withdrawal",
   inclusion: "the answers",
   sessions: "the session",

@@ -43,7 +43,7 @@ export class Live {
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     const send: (message: Outgoing) => void = (message) => this.connection.send(message);
-    this.robotCommands = new RobotCommandInput(element("robot-commands"), send, true);
+    this.robotCommands = new RobotCommandInput(element("robot-commands"), send, "experimenter");
     this.driving = new OperatorControl(element("drive"), (message) => this.connection.send(message));
     window.addEventListener("keydown", (event) => this.key(event));
     element("picture").addEventListener("toggle", () => this.showPicture());

@@ -6,8 +6,18 @@ export function showLink(link: Overview["link"]): void {
   element("link").hidden = link === null;
   if (!link) return;
   element("link-code").textContent = formatCode(link.code);
-  const addresses = link.addresses.map((each) => new URL(each, location.origin).href);
-  const list = element("link-addresses");
+  showAddresses("link-addresses", link.addresses);
+}
+
+/** Shows the addresses of the caregiver's page, if a session has run. */
+export function showCaregiverLink(addresses: readonly string[]): void {
+  element("caregiver-link").hidden = addresses.length === 0;
+  showAddresses("caregiver-addresses", addresses);
+}
+
+function showAddresses(id: string, given: readonly string[]): void {
+  const addresses = given.map((each) => new URL(each, location.origin).href);
+  const list = element(id);
   const shown = [...list.querySelectorAll("code")].map((each) => each.textContent);
   if (shown.join() === addresses.join()) return;
   list.replaceChildren(...addresses.map(addressLine));

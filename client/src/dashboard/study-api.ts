@@ -57,6 +57,8 @@ export interface Overview {
   scales_words: string;
   /** The ways to stop of each input method. */
   input_stops: Record<string, string[]>;
+  /** Addresses of the caregiver's page. */
+  caregiver_addresses: string[];
 }
 
 /** The results so far. The study's log records each access. */
@@ -120,6 +122,16 @@ export interface SafetyEvent {
 /** An input profile; see `recording/input_profile.py`. */
 export type InputProfile = Omit<Input, "type">;
 
+/** A session. `minutes`: time in VR. */
+export interface SessionSummary {
+  number: number;
+  opened_at: string;
+  state: string;
+  trials: number;
+  minutes: number;
+  breaks: number;
+}
+
 export interface Participant {
   participant: string;
   state: string;
@@ -140,6 +152,12 @@ export interface Participant {
   consent_version: string | null;
   /** The participant agreed to another version of the consent text than the study's. */
   must_reconsent: boolean;
+  /** All decisions about consent texts, as text. */
+  consents: string[];
+  /** `proxy` or `assent` if only the other one was given. */
+  missing_consent: string;
+  respondent: string;
+  sessions: SessionSummary[];
   scores: Score[];
   trials: Trial[];
   notes: { id: number; at: string; text: string }[];
@@ -148,7 +166,7 @@ export interface Participant {
 }
 
 /** Actions on a participant; see `study/dashboard/application.py`. */
-export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "input" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
+export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "input" | "respondent" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
 
 /** A participant's identity, and whether the experimenter confirms that no other participant is the same person. */
 export interface Identity {

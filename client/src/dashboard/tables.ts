@@ -1,4 +1,5 @@
 import type {
+  SessionSummary,
   AdverseEvent,
   ConditionResults,
   Overview,
@@ -117,6 +118,22 @@ export function scoresTable(scores: Score[]): Table {
   };
 }
 
+/** One row for each session of a participant. */
+export function sessionsTable(sessions: SessionSummary[]): Table {
+  return {
+    caption: "",
+    head: ["Session", "Began", "State", "Trials completed", "Minutes in VR", "Breaks"],
+    rows: sessions.map(({ number, opened_at, state, trials, minutes, breaks }) => [
+      String(number),
+      moment(opened_at),
+      state,
+      String(trials),
+      minutes.toFixed(1),
+      String(breaks),
+    ]),
+  };
+}
+
 /** The items that were answered after trials. */
 export function answeredItems(results: ConditionResults[], items: string[]): string[] {
   return items.filter((item) => results.some(({ answer_means }) => item in answer_means));
@@ -175,7 +192,9 @@ export function participantText(person: Participant, inSession: boolean): string
   return `${facts.filter(Boolean).join("; ")}. ${inSession ? "Their session runs." : nextWords(person)}`;
 }
 
-function nextWords({ state, trials, must_reconsent }: Participant): string {
+function nextWords({ state, trials, must_reconsent, missing_consent }: Participant): string {
+  if (missing_consent === "assent") return "Next: record the assent of the participant.";
+  if (missing_consent === "proxy") return "Next: record the consent of the representative.";
   if (must_reconsent) return "Next: ask for consent to the new version of the text.";
   if (state === "enrolled") return "Next: record their consent.";
   if (state === "consented") return "Next: ask the inclusion questions.";

@@ -52,7 +52,7 @@ export type CommandName = "break" | "continue" | "end" | "pause" | "recalibrate"
 
 export type PhaseName = "break" | "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "headset_stop" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
-export type Role = "experimenter" | "participant" | "spectator";
+export type Role = "caregiver" | "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
   moves: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],

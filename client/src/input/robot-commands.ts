@@ -25,11 +25,11 @@ export class RobotCommandInput {
   private buttonSource: Exclude<ClientSource, "key"> = "button";
   private pressed = new Set<number>();
 
-  /** `group`: element for the buttons. `asExperimenter`: every input has the source `experimenter`. */
+  /** `group`: element for the buttons. `watcher`: the source of every input on the page of another person. */
   constructor(
     private readonly group: HTMLElement,
     private readonly send: (message: Given) => void,
-    private readonly asExperimenter = false,
+    private readonly watcher: "caregiver" | "experimenter" | null = null,
   ) {}
 
   show({ commands, sources, mode }: RobotCommands): void {
@@ -53,7 +53,7 @@ export class RobotCommandInput {
   }
 
   private showButtons(): void {
-    const source = this.asExperimenter ? "experimenter" : this.buttonSource;
+    const source = this.watcher ?? this.buttonSource;
     this.group.hidden = !this.offered.length || !this.sources.includes(source);
   }
 
@@ -78,7 +78,7 @@ export class RobotCommandInput {
 
   private button({ name, label }: CommandLabel, index: number): HTMLButtonElement {
     const key = String(index + 1);
-    const button = createElement("button", `${this.asExperimenter ? name.replace("_", " ") : label} `);
+    const button = createElement("button", `${this.watcher === "experimenter" ? name.replace("_", " ") : label} `);
     button.type = "button";
     button.dataset["robotCommand"] = name;
     button.setAttribute("aria-keyshortcuts", key);
@@ -89,7 +89,7 @@ export class RobotCommandInput {
 
   give(name: Name, source: ClientSource): void {
     const client_time_ms = performance.now();
-    if (this.asExperimenter) this.send({ type: "robot_command", name, source: "experimenter", client_time_ms });
+    if (this.watcher) this.send({ type: "robot_command", name, source: this.watcher, client_time_ms });
     else this.send({ type: "robot_command", name, source, client_time_ms });
   }
 }

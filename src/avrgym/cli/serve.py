@@ -220,11 +220,13 @@ def _serve_study(
     from avrgym.study.storage.identity_file import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.live_server import LiveServer
+    from avrgym.vr.server.session_links import SessionLinks
 
     unlock(folder)
     with (
         Store(folder) as store,
         nullcontext(session_links(store)) as links,
+        nullcontext(SessionLinks()) as caregiver_links,
         log_start_and_end(store, "start server", "stop server"),
         StorageThread() as storing,
         Experimenters(store) as experimenters,
@@ -240,14 +242,21 @@ def _serve_study(
                 streams=streams,
                 headset_check=check,
                 links=links,
+                caregiver_links=caregiver_links,
             ),
             host,
             port,
             certificate,
             study=lambda tokens, sessions: dashboard_app(
-                store, tokens, sessions, lambda link: server.urls(token=link)
+                store,
+                tokens,
+                sessions,
+                lambda link: server.urls(token=link),
+                lambda link: server.urls("caregiver", link),
             ),
-            tokens=StudyTokens.of_study(folder / PRIVATE / "tokens.json", experimenters, links),
+            tokens=StudyTokens.of_study(
+                folder / PRIVATE / "tokens.json", experimenters, links, caregiver_links
+            ),
             record=partial(_record, LiveLog(store, storing, warn)),
             links=links,
         ) as server,

@@ -11,7 +11,7 @@ from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.system import random_streams
 from avrgym.texts.interface_texts import Texts
 
-MOMENTS = ("before_session", "after_trial", "after_break", "after_session")
+MOMENTS = ("before_session", "after_trial", "after_break", "after_session", "caregiver")
 SESSION_MOMENTS = ("before_session", "after_session")
 ITEM_ORDERS = ("fixed", "random")
 MAX_POINTS = 101

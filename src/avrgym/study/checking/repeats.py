@@ -148,7 +148,7 @@ class _Causes:
             stop = next((event for event in after if event.name == "stopped"), None)
             if stop is None:
                 return UNKNOWN, "stopped"
-            return (PARTICIPANT if stop.detail.startswith("by participant") else EXPERIMENTER), "stopped"
+            return (EXPERIMENTER if stop.detail.startswith("by experimenter") else PARTICIPANT), "stopped"
         cause = next((event for event in [*after, *before] if event.name in CAUSE_BY_EVENT), None)
         if cause is not None:
             return CAUSE_BY_EVENT[cause.name]

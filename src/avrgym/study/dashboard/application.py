@@ -17,6 +17,7 @@ from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.respondents import CONSENT_ROLES
+from avrgym.study.dashboard.caregiver import caregiver_app
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
@@ -70,6 +71,16 @@ class LiveSessions(Protocol):
     @property
     def links(self) -> SessionLinks:
         """The session links; at most one is valid, that of the running session."""
+        ...
+
+    @property
+    def caregiver_links(self) -> SessionLinks:
+        """The links of caregivers; the latest is valid until the next session begins."""
+        ...
+
+    @property
+    def caregiver_session(self) -> int | None:
+        """The id of the session of the caregiver's link."""
         ...
 
     def change_input(self, pseudonym: str, profile: InputProfile) -> None:
@@ -311,6 +322,7 @@ def dashboard_app(
     tokens: Tokens,
     live: LiveSessions | None = None,
     addresses: Callable[[str], Sequence[str]] = lambda link: (f"/#token={link}",),
+    caregiver_addresses: Callable[[str], Sequence[str]] = lambda link: (f"/caregiver#token={link}",),
 ) -> FastAPI:
     """The web application of a study, to be mounted at ``/study``.
 
@@ -319,6 +331,7 @@ def dashboard_app(
         tokens: the server's tokens; only tokens of experimenters are accepted.
         live: the live sessions of this server; without them, no session can be started.
         addresses: returns the addresses of the participant's page for a link.
+        caregiver_addresses: returns the addresses of the caregiver's page for a link.
     """
 
     def experimenter_only(request: Request) -> None:
@@ -338,7 +351,10 @@ def dashboard_app(
     def read_overview(request: Request) -> Response:
         log.view(_caller(request), "view dashboard")
         link = link_view(dashboard.live.links, addresses) if dashboard.live else None
-        return _json(overview(store, dashboard.participant, dashboard.furniture, _caller(request).name, link))
+        own = dashboard.live.caregiver_links.link if dashboard.live else None
+        caregiver = tuple(caregiver_addresses(own)) if own else ()
+        furniture, name = dashboard.furniture, _caller(request).name
+        return _json(overview(store, dashboard.participant, furniture, name, link, caregiver))
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
@@ -361,6 +377,8 @@ def dashboard_app(
     async def enrol_somebody(request: Request) -> Response:
         return _json(await run_in_threadpool(logged, _caller(request), await _body(request, Enrolment)))
 
+    if live is not None:
+        app.mount("/care", caregiver_app(store, tokens, live))
     for name, (kind, act) in ACTIONS.items():
         endpoint = _endpoint(dashboard, log, LOGGED_AS.get(name, name), kind, act)
         app.post(f"/participants/{{pseudonym}}/{name}")(endpoint)

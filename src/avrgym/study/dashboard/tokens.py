@@ -1,6 +1,6 @@
-"""Tokens of experimenters and spectators, and session links of participants."""
+"""Tokens of experimenters and spectators, and session links of participants and caregivers."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
@@ -11,23 +11,37 @@ from avrgym.vr.server.session_links import SessionLinks
 
 @dataclass(frozen=True)
 class StudyTokens(Tokens):
-    """Shared tokens for roles, personal tokens of experimenters, and session links of participants.
+    """Shared tokens for roles, personal tokens of experimenters, and session links of participants and caregivers.
 
     The shared token for ``participant`` is invalid: participants use the link of their session.
     """
 
     experimenters: Experimenters
     links: SessionLinks
+    caregiver_links: SessionLinks = field(default_factory=SessionLinks)
 
     @classmethod
-    def of_study(cls, path: Path, experimenters: Experimenters, links: SessionLinks) -> Self:
+    def of_study(
+        cls,
+        path: Path,
+        experimenters: Experimenters,
+        links: SessionLinks,
+        caregiver_links: SessionLinks | None = None,
+    ) -> Self:
         """Read the shared tokens from a file. Raises ``ValueError`` for a file without tokens."""
-        return cls(**asdict(Tokens.load_or_create(path)), experimenters=experimenters, links=links)
+        return cls(
+            **asdict(Tokens.load_or_create(path)),
+            experimenters=experimenters,
+            links=links,
+            caregiver_links=caregiver_links or SessionLinks(),
+        )
 
     def caller(self, token: str) -> Caller | None:
         """Role and experimenter of a token; ``None`` for an invalid token."""
         if self.links.opens(token):
             return Caller("participant")
+        if self.caregiver_links.opens(token):
+            return Caller("caregiver")
         name = self.experimenters.name_of(token)
         found = super().caller(token) if name is None else Caller("experimenter", name)
         return None if found == Caller("participant") else found
@@ -36,5 +50,5 @@ class StudyTokens(Tokens):
         """Why a token is rejected. For the ended link of a participant, the reason is in the participant's language."""
         if not token:
             return ENTER_CODE
-        language = self.links.language_of_ended(token)
+        language = self.links.language_of_ended(token) or self.caregiver_links.language_of_ended(token)
         return super().refusal(token) if language is None else replace(LINK_ENDED, language=language)

@@ -63,6 +63,7 @@ class Overview:
     ``live``: pseudonym of the running session's participant. ``furniture``: the real seat and bed for the next session.
     ``languages``: names of languages by tag. ``experimenter``: name of the experimenter. ``scales``: rating scales of
     adverse events; ``scales_words``: their sources. ``input_stops``: the ways to stop of each input method.
+    ``caregiver_addresses``: addresses of the caregiver's page.
     """
 
     summary: StudySummary
@@ -76,6 +77,7 @@ class Overview:
     scales_words: str
     input_stops: Mapping[InputMethod, tuple[StopInput, ...]]
     link: SessionLink | None
+    caregiver_addresses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,7 @@ def overview(
     furniture: RealFurniture,
     experimenter: str = "",
     link: SessionLink | None = None,
+    caregiver_addresses: tuple[str, ...] = (),
 ) -> Overview:
     """The overview of a study; ``live``: pseudonym of the running session's participant."""
     design = store.design
@@ -187,6 +190,7 @@ def overview(
         scales_words=SOURCES,
         input_stops=POSSIBLE_STOPS,
         link=link,
+        caregiver_addresses=caregiver_addresses,
     )
 
 

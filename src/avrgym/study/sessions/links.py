@@ -11,17 +11,22 @@ from avrgym.vr.protocol.messages import Language
 from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
-def make_link(store: Store, session_id: int) -> str:
-    """Create and store a link for an open session. Raises ``StudyError`` if the session has ended."""
+def make_link(store: Store, session_id: int, role: str | None = None) -> str:
+    """Create and store a link for an open session. ``role``: ``caregiver``; by default, the participant.
+
+    Raises ``StudyError`` if the session has ended.
+    """
     link = new_link()
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
-        hash_chain.insert(connection, schema.LINK, session=session.id, at=now(), sha256=link_sha256(link))
+        hash_chain.insert(
+            connection, schema.LINK, session=session.id, at=now(), sha256=link_sha256(link), role=role
+        )
     return link
 
 
 def participants_by_link(store: Store) -> dict[str, int]:
-    """Participant number of each stored link, by the link's checksum."""
+    """Participant number of each stored link, also those of caregivers, by the link's checksum."""
     with store.database.read() as connection:
         sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
         return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}

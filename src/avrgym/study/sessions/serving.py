@@ -8,6 +8,7 @@ from queue import Empty, SimpleQueue
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.respondents import CAREGIVER
 from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_remaining
@@ -60,16 +61,21 @@ class StudySessions:
         streams: Streams | None = None,
         headset_check: bool = False,
         links: SessionLinks | None = None,
+        caregiver_links: SessionLinks | None = None,
     ) -> None:
         """Wait for a participant, or start the session of the participant ``first``.
 
         ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers``, ``streams``:
         see ``Session``. ``storing``: see ``StudyVisit``. ``headset_check``: see ``plan_session``. ``links``: stores the
-        link of each session. Raises the errors of ``begin``.
+        link of each session; ``caregiver_links``: that of the caregiver, which is valid until the next session begins.
+
+        Raises the errors of ``begin``.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
         self._streams, self._headset_check = streams, headset_check
         self.links = links or SessionLinks()
+        self.caregiver_links = caregiver_links or SessionLinks()
+        self.caregiver_session: int | None = None
         self._ended: Future[None] | None = None
         self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
@@ -205,6 +211,10 @@ class StudySessions:
         try:
             session = self._in_vr(visit)
             self.links.begin(make_link(self._store, visit.stored.id), visit.language_message)
+            self.caregiver_links.begin(
+                make_link(self._store, visit.stored.id, CAREGIVER), visit.language_message
+            )
+            self.caregiver_session = visit.stored.id
         except BaseException:
             visit.close()
             raise
@@ -283,6 +293,7 @@ class StudySessions:
         if self._visit is None or self.participant != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
         stored = self._visit.withdraw(self._session, now_s, reason)
+        self.caregiver_links.end()
         self._questions = None
         self._send_end()
         self._end_visit(now_s)

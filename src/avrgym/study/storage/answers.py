@@ -30,6 +30,7 @@ from avrgym.study.storage.store import (
     find_all,
     find_open_session,
     find_running_attempt,
+    find_session,
     record_event,
     subject_of,
 )
@@ -100,6 +101,29 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
         record_event(connection, f"{ANSWERED} {moment}", answer.item, subject_of(session))
 
 
+def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
+    """The answers of the caregiver to their own questions about a session, by item."""
+    with store.database.read() as connection:
+        given = find_all(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
+    return {each.item: each.value for each in given}
+
+
+def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> None:
+    """Store or change the answer of a caregiver to one of their own questions about a session. It may have ended.
+
+    Raises:
+        StudyError: for an invalid answer, or an unknown session.
+    """
+    items = store.design.items_at(CAREGIVER)
+    with store.database.write() as connection:
+        session = find_session(connection, session_id)
+        given = find_all(connection, StudyAnswer, session=session.id, attempt=None, respondent=CAREGIVER)
+        if any(each.item == answer.item for each in given):
+            _change(connection, items, given, answer, subject_of(session))
+        else:
+            _insert_answer(connection, items, given, answer, {"session": session.id}, CAREGIVER)
+
+
 def answer_moments(
     design: Design, answers: Iterable[StudyAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
@@ -120,6 +144,8 @@ def answer_moments(
     for answer in reversed(list(answers)):
         if answer.attempt is not None:
             moments[answer.id] = "after_trial"
+        elif answer.respondent == CAREGIVER:
+            moments[answer.id] = CAREGIVER
         else:
             own = of_events.get((answer.session, answer.item))
             moments[answer.id] = own.pop() if own else _only_moment(design, answer.item)
@@ -273,12 +299,19 @@ def _insert_answer(
     given: list[StudyAnswer],
     answer: Answer,
     about: Mapping[str, int],
+    respondent: str | None = None,
 ) -> None:
-    """Store an answer. Raises ``StudyError`` for an invalid or second answer."""
+    """Store an answer. ``respondent``: by default, the person who answers for the participant.
+
+    Raises ``StudyError`` for an invalid or second answer.
+    """
     _check(items, answer)
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
-    values = asdict(answer) | {"answered_at": now(), "respondent": _respondent(connection, about["session"])}
+    values = asdict(answer) | {
+        "answered_at": now(),
+        "respondent": respondent or _respondent(connection, about["session"]),
+    }
     hash_chain.insert(connection, schema.ANSWER, **values, **about)
 
 

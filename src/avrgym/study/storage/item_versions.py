@@ -15,6 +15,7 @@ import msgspec
 
 from avrgym.questionnaires.questionnaire import MAX_POINTS, MOMENTS, Item, Questionnaire
 from avrgym.recording.reader import RecordingError, read_header
+from avrgym.recording.respondents import CAREGIVER
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
@@ -246,7 +247,8 @@ class AnsweredItems:
         """An item version for an answer without a stored text."""
         item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
-        when = "after_trial" if answer.attempt is not None else "after_session"
+        about = CAREGIVER if answer.respondent == CAREGIVER else "after_session"
+        when = "after_trial" if answer.attempt is not None else about
         self._catalogue.add(Questionnaire(NOT_STORED, when, (version.item,)))
         return version
 

@@ -362,7 +362,7 @@ PhaseName = Literal[
 ]
 
 
-Role = Literal["participant", "spectator", "experimenter"]
+Role = Literal["participant", "spectator", "experimenter", "caregiver"]
 
 
 class Welcome(Message, frozen=True, tag="welcome"):

@@ -22,8 +22,10 @@ from avrgym.vr.protocol.messages import (
     Receipt,
     Role,
     Scene,
+    SceneWatched,
     State,
     Tracking,
+    WatcherRobotCommand,
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
 from avrgym.vr.server.authentication import LINK_ENDED, Caller, Tokens
@@ -101,7 +103,7 @@ block."""
 
 PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHER_CHANNEL = Channel(
-    ("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage
+    ("experimenter", "caregiver", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage
 )
 
 
@@ -225,10 +227,8 @@ async def _receive(
                 outbox.push(Problem(message="only the first message may be a hello"))
             elif isinstance(message, Receipt):
                 outbox.receipt(message.states)
-            elif message is not None and caller.role == "spectator":
-                outbox.push(
-                    Problem(message="spectators may send no commands; open the experimenter's address")
-                )
+            elif message is not None and (refusal := _refusal(caller.role, message)):
+                outbox.push(Problem(message=refusal, role=caller.role))
             elif message is not None:
                 if isinstance(message, Tracking):
                     frame_times.note_received(message.sequence)
@@ -237,6 +237,17 @@ async def _receive(
                 if caller.role == "experimenter":
                     record(caller, message)
                 loop.post(message)
+
+
+def _refusal(role: Role, message: object) -> str:
+    """Returns why a role may not send a message; empty if it may."""
+    if role == "spectator":
+        return "spectators may send no commands; open the experimenter's address"
+    if isinstance(message, WatcherRobotCommand):
+        return "" if message.source == role else f"the source of this page's commands is {role}"
+    if role == "caregiver" and not isinstance(message, SceneWatched):
+        return "caregivers may send robot commands only"
+    return ""
 
 
 async def _until(condition: Callable[[], bool]) -> None:

@@ -96,6 +96,12 @@ def create_app(
         async def dashboard() -> FileResponse:
             return FileResponse(STATIC / "dashboard.html")
 
+    if study is not None:
+
+        @app.get("/caregiver")
+        async def caregiver() -> FileResponse:
+            return FileResponse(STATIC / "caregiver.html")
+
     app.mount("/", StaticFiles(directory=STATIC, html=True))
     return app
 

@@ -19,8 +19,8 @@ from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
 from avrgym.vr.server.response_headers import ResponseHeaders
 
 STATIC = Path(__file__).parents[1] / "static"
-PAGES = ("index.html", "dashboard.html", "replay.html")
-"""The client's pages: for participants and spectators, for the experimenter, and for replays."""
+PAGES = ("index.html", "dashboard.html", "caregiver.html", "replay.html")
+"""The client's pages: for participants and spectators, for the experimenter, for caregivers, and for replays."""
 CLIENT_INSTALL_HINT = (
     "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from avrgym.commands.vocabulary import WATCHER_SOURCES, Source
+from avrgym.commands.vocabulary import Source
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import CommandName, Disconnected, Received, StopMethod
 from avrgym.vr.session.interruptions import visibility_interruption
@@ -75,7 +75,7 @@ def stop_by_command(phase: Phase, source: Source) -> Phase:
     """Pass the command ``stop`` to a phase. It is the emergency stop, also from sources that a trial does not allow."""
     if phase.can_be_stopped:
         phase.state.record_command("stop", source, effective=True)
-    by = "experimenter" if source in WATCHER_SOURCES else "participant"
+    by = source if source == "caregiver" or source == "experimenter" else "participant"
     return phase.stop(by, STOP_METHODS.get(source))
 
 

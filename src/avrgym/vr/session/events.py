@@ -17,7 +17,7 @@ from avrgym.recording.input_profile import CONTROLLERS, InputProfile
 from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.vr.protocol.messages import PhaseName, StopMethod, Visibility
 
-Initiator = Literal["participant", "experimenter"]
+Initiator = Literal["participant", "experimenter", "caregiver"]
 
 
 @dataclass(frozen=True)

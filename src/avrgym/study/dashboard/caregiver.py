@@ -1,0 +1,87 @@
+"""Web application (JSON) of the caregiver's page: the caregiver's own questions about the session."""
+
+from typing import Any, Protocol
+
+import msgspec
+from fastapi import Depends, FastAPI, HTTPException, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from avrgym.questionnaires.questionnaire import translate
+from avrgym.recording.respondents import CAREGIVER
+from avrgym.recording.schema import Answer
+from avrgym.study.people.participants import participant_texts
+from avrgym.study.storage.answers import caregiver_answers, record_caregiver_answer
+from avrgym.study.storage.rows import pseudonym_of
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_session
+from avrgym.vr.server.authentication import Tokens
+from avrgym.vr.server.request_body import posted_json
+
+MAX_BODY_BYTES = 1 << 10
+
+
+class CaregiverSession(Protocol):
+    """The session of the caregiver's link."""
+
+    @property
+    def caregiver_session(self) -> int | None:
+        """The session's id; ``None`` before the first session of the server."""
+        ...
+
+
+class CaregiverAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The answer to an item, and the time from its display to the answer."""
+
+    item: str
+    value: int
+    response_time_s: float
+
+
+def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> FastAPI:
+    """The web application for the caregiver of the running or latest session. It accepts only the caregiver's link."""
+
+    def caregiver_only(request: Request) -> None:
+        caller = tokens.bearer(request.headers)
+        if caller is None or caller.role != "caregiver" or sessions.caregiver_session is None:
+            raise HTTPException(
+                401, "open the caregiver's address of this session, which the dashboard shows"
+            )
+        request.state.session = sessions.caregiver_session
+
+    app = FastAPI(openapi_url=None, dependencies=[Depends(caregiver_only)])
+
+    @app.exception_handler(StudyError)
+    def refuse(_request: Request, error: Exception) -> Response:
+        return Response(msgspec.json.encode({"detail": str(error)}), 409, media_type="application/json")
+
+    @app.get("/items")
+    def read_items(request: Request) -> Response:
+        found = caregiver_items(store, request.state.session)
+        return Response(msgspec.json.encode(found), media_type="application/json")
+
+    @app.post("/answers")
+    async def answer(request: Request) -> Response:
+        data = await posted_json(request, MAX_BODY_BYTES)
+        try:
+            given = msgspec.json.decode(data, type=CaregiverAnswer)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise HTTPException(422, str(error)) from None
+        stored = Answer(given.item, given.value, given.response_time_s)
+        await run_in_threadpool(record_caregiver_answer, store, request.state.session, stored)
+        return Response(status_code=204)
+
+    return app
+
+
+def caregiver_items(store: Store, session_id: int) -> list[dict[str, Any]]:
+    """The caregiver's items in the participant's language, with the answers so far."""
+    with store.database.read() as connection:
+        session = find_session(connection, session_id)
+    texts = participant_texts(store, store.participant(pseudonym_of(session.participant)))
+    items = translate(store.design.items_at(CAREGIVER, session.participant), texts)
+    given = caregiver_answers(store, session_id)
+    return [
+        {name: getattr(item, name) for name in ("id", "text", "points", "low", "high", "labels")}
+        | {"answer": given.get(item.id)}
+        for item in items
+    ]

@@ -1,0 +1,183 @@
+"""Caregivers: own link and page, commands to the robot, and their own questions."""
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import expect, sync_playwright
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.analysis.study import analyse
+from avrgym.recording.respondents import CAREGIVER
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.sessions.links import session_links
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage import database
+from avrgym.study.storage.answers import answer_moments
+from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Command, Hello, Problem, WatcherRobotCommand, Welcome
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.session_links import SessionLinks
+from avrgym.vr.session import events
+from helpers.browser.accessibility import violations
+from helpers.studies.small_studies import enrol_with_consent, make_study
+from helpers.vr.visit import Visit, plan
+
+PATIENCE_S = 200.0
+QUESTIONS = """\
+[[questionnaires]]
+name = "caregiver"
+when = "caregiver"
+items = [
+    { id = "eases", text = "The robot would ease my work.", points = 5, low = "no", high = "yes" },
+    { id = "safe", text = "I would leave the room.", points = 3, low = "", high = "", labels = ["no", "so", "yes"] },
+]
+
+[goals]"""
+
+
+@dataclass(frozen=True)
+class Served:
+    store: Store
+    server: LiveServer[StudySessions]
+
+    @property
+    def link(self) -> str:
+        assert self.server.session.caregiver_links.link is not None
+        return self.server.session.caregiver_links.link
+
+    def request(self, method: str, path: str, token: str, body: Any = None) -> httpx.Response:
+        headers = {"authorization": f"Bearer {token}"}
+        url = f"http://127.0.0.1:{self.server.port}/study{path}"
+        return httpx.request(method, url, headers=headers, timeout=PATIENCE_S, json=body)
+
+    @contextmanager
+    def watching(self, token: str) -> Iterator[ClientConnection]:
+        with connect(f"ws://127.0.0.1:{self.server.port}/watch", max_size=None) as socket:
+            socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+            yield socket
+
+
+def received(socket: ClientConnection, kind: type, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+    """The next message of a type."""
+    ends_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < ends_s:
+        message = messages.decode_server(bytes(socket.recv(PATIENCE_S)))  # type: ignore[arg-type]
+        if isinstance(message, kind) and wanted(message):
+            return message
+    raise AssertionError(f"no {kind.__name__}")
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
+    design = folder / "study.toml"
+    design.write_text(design.read_text().replace("[goals]", QUESTIONS, 1))
+    caregiver_links = SessionLinks()
+    with Store(folder) as store, ThreadPoolExecutor(1) as workers, Experimenters(store) as experimenters:
+        links = session_links(store)
+        with LiveServer(
+            lambda send: StudySessions(store, send, workers, links=links, caregiver_links=caregiver_links),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+            tokens=StudyTokens.of_study(tmp_path / "tokens.json", experimenters, links, caregiver_links),
+            links=links,
+        ) as server:
+            server.session.begin(enrol_with_consent(store))
+            yield Served(store, server)
+
+
+def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served) -> None:
+    """The link opens neither the dashboard nor the participant's place. It ends when the next session begins."""
+    token, sessions = served.link, served.server.session
+    with served.watching(token) as socket:
+        assert received(socket, Welcome).role == CAREGIVER
+        socket.send(messages.encode(Command("end")))
+        assert received(socket, Problem).message == "caregivers may send robot commands only"
+        socket.send(messages.encode(WatcherRobotCommand("stop", "experimenter", 0.0)))
+        assert "the source of this page's commands is caregiver" in received(socket, Problem).message
+    assert served.request("GET", "/overview", token).status_code == 401
+    assert served.request("GET", "/care/items", sessions.links.link or "").status_code == 401
+    items = served.request("GET", "/care/items", token).json()
+    assert [(each["id"], each["answer"]) for each in items] == [("eases", None), ("safe", None)]
+
+    def answer(item: str, value: int) -> int:
+        body = {"item": item, "value": value, "response_time_s": 2.0}
+        return served.request("POST", "/care/answers", token, body).status_code
+
+    assert (answer("eases", 9), answer("L1", 3), answer("eases", 4), answer("eases", 5)) == (
+        409,
+        409,
+        204,
+        204,
+    )
+    (participant,) = served.store.participants()
+    with served.watching(served.server.tokens.experimenter) as socket:
+        socket.send(messages.encode(Command("end")))
+        received(socket, messages.Phase, lambda phase: phase.name == "finished")
+    while sessions.participant is not None:
+        time.sleep(0.05)
+    assert answer("safe", 3) == 204  # after the session
+    given = served.store.answers(participant.pseudonym)
+    assert [(each.item, each.value, each.respondent) for each in given] == [
+        ("eases", 5, CAREGIVER),
+        ("safe", 3, CAREGIVER),
+    ]
+    moments = answer_moments(served.store.design, given, served.store.events())
+    assert set(moments.values()) == {CAREGIVER}
+    rows = analyse(served.store).observed.answers
+    assert [(row.respondent, row.moment, row.counted) for row in rows] == [(CAREGIVER, CAREGIVER, False)] * 2
+    sessions.begin(participant.pseudonym)
+    assert served.link != token
+    assert answer("safe", 1) == 401
+
+
+def test_a_caregiver_stops_the_robot(tmp_path: Path) -> None:
+    """The stop works although no condition allows commands of caregivers; another command is ignored."""
+    visit = Visit(tmp_path, plan())
+    visit.go_to("trial")
+    visit.send(WatcherRobotCommand("slower", "caregiver", 0.0))
+    assert visit.phase == "trial"
+    visit.send(WatcherRobotCommand("stop", "caregiver", 0.0))
+    assert visit.phase == "paused"
+    stopped = [each for each in visit.observed if isinstance(each, events.Stopped)]
+    ignored = [each for each in visit.observed if isinstance(each, events.CommandIgnored)]
+    assert [each.by for each in stopped] == ["caregiver"]
+    assert [(each.name, each.source) for each in ignored] == [("slower", "caregiver")]
+    visit.leave()
+
+
+@pytest.mark.slow
+def test_the_page_of_the_caregiver_in_a_browser(served: Served, tmp_path: Path) -> None:
+    """The page shows the scene, stores answers, and has no accessibility violations."""
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=CHROMIUM_FLAGS)
+        page = browser.new_page(viewport={"width": 800, "height": 600})
+        page.set_default_timeout(1000 * PATIENCE_S)
+        page.goto(f"http://localhost:{served.server.port}/caregiver?detail=light#token={served.link}")
+        expect(page.locator("#server")).to_have_text("Connected to the server")
+        expect(page.locator("iframe")).to_be_visible()
+        page.get_by_role("group", name="I would leave the room.").get_by_label("so").check()
+        expect(page.locator("#answered")).to_have_text("Your answer is stored.")
+        assert violations(page) == []
+        page.screenshot(path=tmp_path / "caregiver.png", full_page=True)
+        page.reload()
+        field = page.get_by_role("group", name="I would leave the room.")
+        expect(field.get_by_label("so")).to_be_checked()
+        browser.close()
+    (participant,) = served.store.participants()
+    (given,) = served.store.answers(participant.pseudonym)
+    assert (given.item, given.value, given.respondent) == ("safe", 2, CAREGIVER)
