@@ -20,7 +20,7 @@ from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
-from avrgym.tasks.rehearsal import Rehearsal
+from avrgym.tasks.rehearsal import Rehearsal, WayRehearsal
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
@@ -146,13 +146,15 @@ def find_start(
     of ``planning_chain`` shifts the initial position of a driving base.
 
     With ``along_goals``, the tool moves from goal to goal. The motion is rehearsed from several initial states, and the
-    one with the lowest cost is chosen, see ``rehearsal``.
+    one with the lowest cost is chosen, see ``rehearsal``. With self-collision, the ways from the start to each goal are
+    rehearsed otherwise.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
     path_cost = None
-    if along_goals:
-        path_cost = Rehearsal(scene, chain, people, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w)
+    if along_goals or scene.self_collision:
+        rehearsal = Rehearsal if along_goals else WayRehearsal
+        path_cost = rehearsal(scene, chain, people, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w)
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
         base_q = np.tile(transforms.from_axis_angle(Z_AXIS, mount.yaw_rad), (len(tool_pos_w), 1))

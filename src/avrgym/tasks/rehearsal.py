@@ -11,7 +11,8 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models.human import People
 from avrgym.models.scene import SceneConfig
 from avrgym.people.arm_clearance import person_capsules
-from avrgym.tasks.robot_clearance import Clearance
+from avrgym.simulation import base_search
+from avrgym.tasks.robot_clearance import Clearance, self_distance_m
 
 STEPS, ITERATIONS = 6, 8
 """Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
@@ -20,6 +21,8 @@ MARGIN_M, LIMIT_MARGIN_RAD = 0.02, 0.15
 BLOCK_WORLDS = 64
 """Number of worlds that are computed together; it limits the memory."""
 ALLOWED_ERROR_M, ALLOWED_ERROR_RAD = 0.005, 0.05
+WAY_SHARES, WAY_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
+"""Shares of the way to a goal at which ``WayRehearsal`` checks the arm, and iterations of the inverse kinematics."""
 POSTURES = 16
 """Number of postures of a robot with a fixed base whose motion is rehearsed."""
 
@@ -108,6 +111,55 @@ class Rehearsal:
         candidates = kinematics.wrap_angles(self._chain, found.joint_positions).reshape(starts.shape)
         cost = self(base_w[0].reshape(count, each, 3), yaw, candidates)
         return candidates[np.arange(count), cost.argmin(axis=-1)]
+
+
+class WayRehearsal(Rehearsal):
+    """Computes the cost of the ways from the start to each goal: whether links collide with each other or with
+    furniture."""
+
+    def __init__(
+        self,
+        scene: SceneConfig,
+        chain: kinematics.Chain,
+        people: People,
+        start_pos_w: FloatArray,
+        start_q_w: FloatArray,
+        goal_pos_w: FloatArray,
+        goal_q_w: FloatArray,
+    ) -> None:
+        """Store the goals. The arguments are those of ``Rehearsal``."""
+        super().__init__(scene, chain, people, start_pos_w, start_q_w, goal_pos_w, goal_q_w)
+        self._goals = goal_pos_w, goal_q_w
+
+    def _cost(
+        self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
+    ) -> FloatArray:
+        """Missing distance (n, K) from ``MARGIN_M`` of the worst of a few configurations on the ways.
+
+        The configurations are interpolated between the joint positions at start and goal. Goals out of reach do not
+        count.
+        """
+        count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
+        world: IntArray = np.repeat(worlds, each)
+        base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
+        to_base = transforms.invert(*base_w)
+        clearance = Clearance(self._scene, self._chain, *base_w)
+        start = joint_positions.reshape(len(world), -1)
+        gap_m = np.full(len(world), MARGIN_M)
+        for goal in range(self._goals[0].shape[1]):
+            pos, q = transforms.compose(*to_base, *(part[world, goal] for part in self._goals))
+            found = kinematics.inverse_kinematics(
+                self._chain, pos, q, start, iterations=WAY_ITERATIONS, precision=np.float32
+            )
+            reached = found.position_error_m < base_search.GOAL_ACCURACY_M
+            for share in WAY_SHARES:
+                joints = start + share * (found.joint_positions - start)
+                gap = np.minimum(
+                    clearance.furniture_distance_m(joints),
+                    self_distance_m(self._scene, self._chain, joints),
+                )
+                gap_m = np.minimum(gap_m, np.where(reached, gap, MARGIN_M))
+        return (MARGIN_M - gap_m).reshape(count, each)
 
 
 def _interpolated(pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:

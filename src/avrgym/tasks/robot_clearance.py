@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import combinations
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -10,6 +12,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import collision_bits
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
+from avrgym.models.self_collision import collision_pairs
 from avrgym.models.task_frame import MIRRORED_LINK
 from avrgym.people.arm_clearance import Boxes
 
@@ -39,32 +42,109 @@ def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
 
     ``chain`` is the scene's ``placement.planning_chain``.
     """
+    moving = [capsule for capsule in _robot_capsules(scene) if capsule.link >= 0]
+    links = tuple(_part(chain, count) for count in range(1, len(chain.lower) + 1))
+    return ArmShape(
+        links,
+        np.array([capsule.link for capsule in moving]),
+        np.array([capsule.ends for capsule in moving]),
+        np.array([capsule.radius_m for capsule in moving]),
+        np.array([capsule.body == TOOL_BODY for capsule in moving]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SelfShape:
+    """Capsules of a whole robot, and pairs of them that may collide.
+
+    ``arm`` contains all capsules; the ``link`` of parts that do not move is −1, and their ends are in the frame of the
+    base. ``pairs`` (P, 2) are indices of capsules.
+    """
+
+    arm: ArmShape
+    pairs: IntArray
+
+
+@cache
+def self_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfShape:
+    """Capsules and pairs of a scene's robot. Pairs whose capsules overlap at the seed pose are left out: the capsules
+    are larger than the links."""
+    capsules_of = _robot_capsules(scene)
+    links = tuple(_part(chain, count) for count in range(1, len(chain.lower) + 1))
+    arm = ArmShape(
+        links,
+        np.array([capsule.link for capsule in capsules_of]),
+        np.array([capsule.ends for capsule in capsules_of]),
+        np.array([capsule.radius_m for capsule in capsules_of]),
+        np.zeros(len(capsules_of), bool),
+    )
+    colliding = collision_pairs(scene.robot, scene.arm)
+    pairs = [
+        (one, other)
+        for (one, first), (other, second) in combinations(enumerate(capsules_of), 2)
+        if frozenset((first.body, second.body)) in colliding
+    ]
+    found = SelfShape(arm, np.array(pairs, dtype=np.intp).reshape(-1, 2))
+    travel = len(chain.lower) - len(scene.arm.joints)
+    seed = np.concatenate([np.zeros(travel), scene.arm.seed_pose])
+    apart = _pair_gaps_m(found, seed[None])[0] > 0.0
+    return SelfShape(arm, found.pairs[apart])
+
+
+def self_distance_m(scene: SceneConfig, chain: kinematics.Chain, joint_positions: FloatArray) -> FloatArray:
+    """Smallest distance (N,) in metres between links of the robot that may collide, at joint positions (N, J)."""
+    return _pair_gaps_m(self_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
+
+
+def _pair_gaps_m(shape: SelfShape, joint_positions: FloatArray) -> FloatArray:
+    """Distances (N, P) in metres of the pairs, at joint positions (N, J)."""
+    ends = _link_ends(shape.arm, joint_positions)
+    one, other = shape.pairs.T
+    apart = capsules.segment_distance(ends[:, one, 0], ends[:, one, 1], ends[:, other, 0], ends[:, other, 1])
+    return apart - shape.arm.radius_m[one] - shape.arm.radius_m[other]
+
+
+def _link_ends(shape: ArmShape, joint_positions: FloatArray) -> FloatArray:
+    """Capsule ends (N, C, 2, 3) at joint positions (N, J), in the frame of the base."""
+    ends = np.tile(shape.ends, (len(joint_positions), 1, 1, 1))
+    for number, chain in enumerate(shape.links):
+        on_link = np.nonzero(shape.link == number)[0]
+        pos, q = kinematics.forward_kinematics(chain, joint_positions[:, : number + 1])
+        ends[:, on_link] = pos[:, None, None] + transforms.rotate(q[:, None, None], shape.ends[on_link])
+    return ends
+
+
+class _Capsule(NamedTuple):
+    """A capsule around a collision geom: name of its body, index of the moving link or −1, axis ends (2, 3) in the
+    frame of link or base, and radius."""
+
+    body: str
+    link: int
+    ends: FloatArray
+    radius_m: float
+
+
+def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
+    """Capsules around the collision geoms of the robot and its tool."""
     model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    base = model.body(scene.robot.base).id
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     if scene.robot.drive is not None:
-        bodies.insert(0, model.body(scene.robot.base).id)
-    tool = model.body(TOOL_BODY).id
-    link: list[int] = []
-    ends: list[FloatArray] = []
-    radius: list[float] = []
-    is_tool: list[bool] = []
+        bodies.insert(0, base)
+    sides = MIRRORED_LINK if scene.frame.mirrored else 1.0
+    found: list[_Capsule] = []
     for geom in np.nonzero(model.geom_group == collision_bits.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
-        if carrier is None:
-            continue
-        body = bodies[carrier]
-        axis, r = _capsule(model.geom_type[geom], model.geom_size[geom])
+        body = base if carrier is None else bodies[carrier]
+        axis, radius_m = _capsule(model.geom_type[geom], model.geom_size[geom])
         centre_w, rotation_w = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
         ends_w = centre_w + np.array([-1.0, 1.0])[:, None] * (rotation_w @ axis)
-        link.append(carrier)
-        ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
-        radius.append(r)
-        is_tool.append(model.geom_bodyid[geom] == tool)
-    links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
-    sides = MIRRORED_LINK if scene.frame.mirrored else 1.0
-    return ArmShape(links, np.array(link), sides * np.array(ends), np.array(radius), np.array(is_tool))
+        ends = sides * ((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
+        name = model.body(model.geom_bodyid[geom]).name
+        found.append(_Capsule(name, -1 if carrier is None else carrier, ends, radius_m))
+    return found
 
 
 @cache
@@ -120,19 +200,19 @@ class Clearance:
         to_axis = np.minimum(to_person, to_boxes.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
+    def furniture_distance_m(self, joint_positions: FloatArray) -> FloatArray:
+        """Smallest distance (N,) in metres of arm and hand, without tool, from furniture at joint positions (N, J)."""
+        counts = np.nonzero(~self._shape.is_tool)[0]
+        start, end = np.moveaxis(self._ends_w(joint_positions[:, None])[:, :, counts, None], -2, 0)
+        boxes = self._boxes
+        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
+        return (to_boxes.min(axis=-1) - self._shape.radius_m[counts]).min(axis=-1)[:, 0]
+
     def _ends_w(self, joint_positions: FloatArray) -> FloatArray:
         """Capsule ends (N, M, C, 2, 3) of the arm; world frame."""
         worlds, poses, joints = joint_positions.shape
-        ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
-        for number, chain in enumerate(self._shape.links):
-            on_link = np.nonzero(self._shape.link == number)[0]
-            pos, q = kinematics.forward_kinematics(
-                chain, joint_positions.reshape(-1, joints)[:, : number + 1]
-            )
-            pos, q = (part.reshape(worlds, poses, 1, 1, -1) for part in (pos, q))
-            ends = pos + transforms.rotate(q, self._shape.ends[on_link])
-            ends_w[:, :, on_link] = self._base_pos_w + transforms.rotate(self._base_q_w, ends)
-        return ends_w
+        ends = _link_ends(self._shape, joint_positions.reshape(-1, joints)).reshape(worlds, poses, -1, 2, 3)
+        return self._base_pos_w + transforms.rotate(self._base_q_w, ends)
 
 
 def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
