@@ -7,7 +7,6 @@ Each result is stored in self_collision.json; results that the file contains are
 
 from pathlib import Path
 
-
 from avrgym.learning.evaluation import evaluate
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.placement_check import draw_starts

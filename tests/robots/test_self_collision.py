@@ -1,13 +1,21 @@
 """Links of a robot collide with each other only with the setting `self_collision`."""
 
+from collections import Counter
+from typing import Any
+
+import mujoco
 import numpy as np
 import pytest
 
 from avrgym.models import collision_bits
-from avrgym.models.robot import PREFIX
+from avrgym.models.robot import PREFIX, robot_spec
 from avrgym.models.self_collision import collision_pairs
 from avrgym.robots.registry import ROBOTS
+from avrgym.simulation import base_search
+from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.robot_clearance import _robot_capsules, self_distance_m, self_shape
 from avrgym.tasks.settings import DEFAULTS, Settings
 
 WORLDS, STEPS = 8, 60
@@ -56,3 +64,57 @@ def test_pairs_are_other_bodies_than_neighbours(name: str) -> None:
         assert model.body_weldid[first] != model.body_weldid[second]
         assert first not in (model.body_parentid[second], second)
         assert (min(first, second) << 16) + max(first, second) not in model.exclude_signature
+
+
+@pytest.mark.fast_cases(2)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_links_that_touch_have_no_distance(name: str) -> None:
+    """The capsules of the start search contain the links: where links collide, their distance is not positive."""
+    _, scene = task_and_scene(f"avrgym/ScratchItch{name}-v1", Settings(self_collision=True))
+    chain = placement.planning_chain(scene)
+    shape = self_shape(scene, chain)
+    bodies = [capsule.body for capsule in _robot_capsules(scene)]
+    kept = Counter(frozenset(bodies[each] for each in pair) for pair in shape.pairs.tolist())
+    checked = {
+        pair for pair, count in kept.items() if count == np.prod([bodies.count(each) for each in pair])
+    }
+    model = robot_spec(scene.robot, scene.arm, scene.robot.grips[scene.tool.grip_name], appearance=False)
+    for geom in model.geoms:
+        geom.contype = geom.conaffinity = 1
+    compiled = model.compile()
+    data, positions = mujoco.MjData(compiled), [compiled.joint(each).qposadr[0] for each in scene.arm.joints]
+    travel, touching = len(chain.lower) - len(positions), 0
+    for pose in np.random.default_rng(0).uniform(
+        chain.lower[travel:], chain.upper[travel:], (300, len(positions))
+    ):
+        data.qpos[positions] = pose
+        mujoco.mj_kinematics(compiled, data)
+        mujoco.mj_collision(compiled, data)
+        pairs = compiled.geom_bodyid[data.contact.geom].tolist()
+        found = {frozenset(compiled.body(body).name for body in pair) for pair in pairs}
+        if found & checked:
+            touching += 1
+            assert self_distance_m(scene, chain, np.append(np.zeros(travel), pose)[None]) < 1e-6
+    assert touching > 0
+
+
+def test_bases_have_clear_ways_to_the_goals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With self-collision, the cost of the chosen base is not higher than without."""
+    chosen: list[Any] = []
+    search = base_search.search
+
+    def recorded(*arguments: Any) -> Any:
+        chosen.append((arguments[-1], search(*arguments)))
+        return chosen[-1][1]
+
+    monkeypatch.setattr(placement.base_search, "search", recorded)
+    for on in (False, True):
+        settings = Settings(self_collision=on, control_hz=20)
+        episodes = Episodes("avrgym/ScratchItchPR2-v1", 3, num_threads=1, settings=settings)
+        episodes.reset(np.arange(3), [np.random.default_rng(world) for world in range(3)])
+    (_, without), (path_cost, with_ways) = chosen[0], next(each for each in chosen if each[0] is not None)
+    costs = [
+        path_cost(found.base.pos_w[:, None], found.base.yaw_rad[:, None], found.joint_positions[:, None])
+        for found in (without, with_ways)
+    ]
+    assert (costs[1] <= costs[0] + 1e-6).all()
