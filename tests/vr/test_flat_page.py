@@ -1,20 +1,24 @@
 """The page without a headset, in a real browser: texts, display and controls."""
 
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
+from avrgym.recording.input_profile import InputProfile
+from avrgym.recording.presentation import Presentation
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 from helpers.browser.accessibility import violations
+from helpers.browser.choosers import GUARD_MS
 from helpers.browser.journey import SEATING, TIMEOUT_S, wait_until
 from helpers.vr.visit import ENVIRONMENT, constant_policies
 
@@ -101,27 +105,107 @@ def test_axe_finds_no_violations_during_trials(
     assert found == {state: [] for state in found}
 
 
+PARTICIPANTS = {
+    "keyboard": (SIZES[0], InputProfile()),
+    "one switch": (
+        SIZES[1],
+        InputProfile("one-switch", presentation=Presentation(2.0, contrast="high", position="right")),
+    ),
+    "two switches": (SIZES[0], InputProfile("two-switches", presentation=Presentation(3.0, captions=True))),
+}
+
+
+class PageChooser:
+    """Selects the page's buttons by their labels, with keys alone."""
+
+    def __init__(self, page: Page, profile: InputProfile) -> None:
+        self._page, self._method = page, profile.method
+        self.presses = 0
+
+    def choose(self, label: str, done: Callable[[], bool]) -> None:
+        """Select a button when it is visible, until something is done."""
+        button = self._page.get_by_role("button", name=label, exact=True)
+        while not done():
+            if button.is_visible():
+                self._select(label)
+                self._page.wait_for_timeout(SETTLING_MS)
+
+    def _select(self, label: str) -> None:
+        page = self._page
+        if self._method == "one-switch":
+            with suppress(TimeoutError):
+                page.wait_for_function(
+                    f"(label) => {LABEL_OF_HIGHLIGHTED} === label", arg=label, polling=20, timeout=20_000
+                )
+                self._press("a")
+            return
+        steps = self._method == "two-switches"
+        page.wait_for_timeout(GUARD_MS if steps else 0)
+        for _ in range(MOST_STEPS):
+            if page.evaluate(LABEL_OF_HIGHLIGHTED if steps else LABEL_OF_FOCUSED) == label:
+                self._press("Enter")
+                return
+            self._press("Space" if steps else "Tab")
+
+    def _press(self, key: str) -> None:
+        self._page.keyboard.press(key)
+        self.presses += 1
+
+
+SETTLING_MS = 600.0
+MOST_STEPS = 40
+LABEL_OF_HIGHLIGHTED = "document.querySelector('.highlighted')?.textContent.trim()"
+LABEL_OF_FOCUSED = "document.activeElement.textContent.trim()"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("size", SIZES, ids=str)
-def test_axe_finds_no_violations_in_questionnaires(
-    size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
+@pytest.mark.parametrize("name", PARTICIPANTS)
+def test_a_session_needs_only_keys_and_axe_finds_no_violations(
+    name: str, sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
-    server = sessions(trial_steps=5, items=QUESTIONS)
+    """Enter, calibration, trial, items with buttons and a long scale, back, confirm, end."""
+    size, profile = PARTICIPANTS[name]
+    began = time.monotonic()
+    observed: list[events.SessionEvent] = []
+    server = sessions(observed.append, trial_steps=5, items=QUESTIONS, input_profile=profile)
     page = opened_page(browser, server.url, *size)
-    play(page, server)
+    chooser = PageChooser(page, profile)
+    pressed = lambda label: not page.get_by_role("button", name=label, exact=True).is_visible()  # noqa: E731
+    shows = lambda text: page.get_by_text(text).is_visible()  # noqa: E731
+    found = {}
+
+    def check(state: str) -> None:
+        found[state] = found.get(state) or violations(page)
+
+    def answer_line() -> None:
+        done = lambda: page.get_by_role("button", name="Done").is_visible()  # noqa: E731
+        if profile.method == "controllers":
+            page.locator("#points input").focus()
+            page.keyboard.press("End")
+            chooser.choose("Take this answer", done)
+        else:
+            chooser.choose("21", lambda: pressed("16 – 20"))
+            chooser.choose("21", done)
+
+    chooser.choose("Play without a headset", lambda: shows("Leave the scene"))
+    while server.session.phase in (*SEATING, "ready"):
+        check(server.session.phase)
+        before = server.session.phase
+        chooser.choose("Go on", lambda before=before: server.session.phase != before)
     page.get_by_text(QUESTIONS[0].text).wait_for()
-    found = {"buttons": violations(page)}
-    page.keyboard.press("7")
-    page.get_by_text(QUESTIONS[1].text).wait_for()
-    found["line"] = violations(page)
-    page.keyboard.press("End")
-    page.get_by_role("button", name="Take this answer").click()
-    page.get_by_role("button", name="Done").wait_for()
-    found["confirm"] = violations(page)
-    page.get_by_role("button", name="Done").click()
-    page.get_by_text("That was all").wait_for()
-    found["finished"] = violations(page)
+    check("buttons")
+    chooser.choose("6", lambda: shows(QUESTIONS[1].text))
+    check("line")
+    answer_line()
+    check("confirm")
+    chooser.choose("Back", lambda: shows(QUESTIONS[1].text))
+    answer_line()
+    chooser.choose("Done", lambda: shows("That was all"))
+    check("finished")
+    print(f"{name}: {(time.monotonic() - began) / 60:.1f} min, {chooser.presses} presses")
     assert found == {state: [] for state in found}
+    answers = [event.answer.value for event in observed if isinstance(event, events.Answered)]
+    assert answers == [6, 21]
 
 
 def play(page: Page, server: LiveServer) -> None:

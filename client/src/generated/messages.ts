@@ -450,7 +450,7 @@ export interface StateChange {
 /** The phase of the session, with the text for the participant.
  *
  * `text` is for VR with a trigger. If other texts differ, `texts_by_input` contains those for other kinds of
- * input, and `page_text` contains that for the page without a headset. */
+ * input, and `page_text` contains that for the page without a headset. `key`: the key of the text. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -461,6 +461,7 @@ export interface Phase {
   seconds: number | null;
   page_text: string;
   texts_by_input: Record<string, string>;
+  key: string;
 }
 
 /** A questionnaire item.

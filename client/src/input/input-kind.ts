@@ -23,8 +23,13 @@ export function inputKindOf(sources: Iterable<XRInputSource>): InputKind | null 
   return INPUTS.find((input) => found.includes(input)) ?? null;
 }
 
-/** The text for a kind of input; default: that for a trigger, and for input profiles that of the page. */
+/**
+ * The text for a kind of input; default: that for a trigger.
+ *
+ * Input profiles get the text of the page if the text depends on the input, but has no variant for them.
+ */
 export function textFor(input: InputKind, text: string, byInput: Readonly<Record<string, string>>, pageText = ""): string {
-  const others = PROFILE_INPUTS.some((each) => each === input) ? pageText || text : text;
+  const depends = Object.keys(byInput).length > 0;
+  const others = depends && PROFILE_INPUTS.some((each) => each === input) ? pageText || text : text;
   return byInput[input] ?? others;
 }

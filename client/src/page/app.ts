@@ -29,6 +29,7 @@ import { createRoom } from "../scene/room";
 import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
 import { Senses } from "../session/haptics-and-sounds";
 import { ReadAloud } from "../session/read-aloud";
+import { SoundFiles } from "../session/sound-files";
 import { XRSessionManager, vrUnavailableReason } from "../session/xr-session";
 import { RobotCommandInput } from "../input/robot-commands";
 import { StopControl } from "../input/stop-control";
@@ -65,7 +66,12 @@ export class App {
   private readonly states = new StateDecoder();
   private readonly frameIntervals = new FrameIntervals();
   private readonly senses: Senses;
-  private readonly readAloud = new ReadAloud();
+  private readonly readAloud = new ReadAloud(
+    new SoundFiles(
+      () => this.senses.audio,
+      (url) => fetchBytes(url, this.token),
+    ),
+  );
   private readonly captions = new Captions(() => this.readAloud.speaking);
   readonly captionPlane = new CaptionPlane();
   private readonly spectator: Spectator | null;
@@ -488,7 +494,8 @@ export class App {
   /** Reads the displayed text aloud. A text that VR does not display has a caption. */
   private readText(display: DisplayState): void {
     const text = this.isSpectator ? "" : spokenText(display);
-    const isRead = this.readAloud.read(text, this.texts);
+    const file = display.problem ? "" : (display.question?.item ?? this.phase?.key);
+    const isRead = this.readAloud.read(text, this.texts, file);
     if (isRead && this.presenting && !this.panel.visible) this.captions.begin(text, performance.now());
   }
 

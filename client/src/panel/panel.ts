@@ -24,8 +24,8 @@ const RING_M = { outer: 0.032, inner: 0.022 };
 const RING_STEPS = 40;
 /** Minimum time between changes of the highlight: three flashes a second (WCAG 2.2, criterion 2.3.1). */
 const HIGHLIGHT_MS = 1000 / 6;
-/** Angle between straight ahead and the inner edge of a panel on the left or right. */
-const EDGE_RAD = (4 * Math.PI) / 180;
+/** A panel on the left or right: angle between straight ahead and its inner edge, and most angle to its outer edge. */
+const [INNER_RAD, OUTER_RAD] = [4, 42].map((angle) => (angle * Math.PI) / 180) as [number, number];
 const SIDES = { left: -1, centre: 0, right: 1 };
 
 /** The text panel in VR. It is placed in front of the participant when it appears, and then stays. */
@@ -100,7 +100,8 @@ export class Panel {
 
   private get preferred(): PreferredPlace {
     const { panel_distance_m: distance, position } = this.presentation;
-    return { distance, turn: SIDES[position] * (Math.atan(this.half.x / distance) + EDGE_RAD) };
+    const half = Math.atan(this.half.x / distance);
+    return { distance, turn: SIDES[position] * Math.min(half + INNER_RAD, OUTER_RAD - half) };
   }
 
   /** Highlights a button, with a ring that is full at `progress` 1. A trembling ray does not make the panel flash. */

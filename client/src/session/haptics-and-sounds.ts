@@ -15,7 +15,8 @@ export interface Allowed {
 /** Haptic feedback when a touch begins, and a sound when the robot succeeds. `chimes` is called with each sound. */
 export class Senses {
   private readonly touched = { left: false, right: false };
-  private audio: AudioContext | null = null;
+  /** Plays sounds; null before `wake`. */
+  audio: AudioContext | null = null;
 
   constructor(
     private readonly pulse: (hand: Hand, strength: number, ms: number) => void,

@@ -5,6 +5,8 @@ import type { FrameTimes } from "../tracking/pose-reader";
 const SEND_INTERVAL_MS = 1000;
 /** Number of recent frames for clock alignment: ten seconds at 90 Hz. */
 const CLOCK_SAMPLES = 900;
+/** Maximum duration of a stage that the server accepts. */
+const MAX_MS = 60_000;
 /** Maximum number of frames in a message. */
 const MAX_FRAMES = 256;
 
@@ -76,7 +78,8 @@ export class LatencyMeter {
 }
 
 function latencyOf(journeys: FrameJourney[], aheadMs: number): Latency {
-  const stage = (took: (journey: FrameJourney) => number) => journeys.map((journey) => Math.max(took(journey), 0));
+  const stage = (took: (journey: FrameJourney) => number) =>
+    journeys.map((journey) => Math.min(Math.max(took(journey), 0), MAX_MS));
   return {
     type: "latency",
     sequence: journeys.map(({ sequence }) => sequence),

@@ -1,4 +1,5 @@
 import type { Texts } from "../page/texts";
+import type { SoundFiles } from "./sound-files";
 
 type Voice = Pick<SpeechSynthesisVoice, "lang" | "localService">;
 
@@ -8,7 +9,11 @@ export function localVoice<V extends Voice>(voices: readonly V[], language: stri
   return voices.find(({ lang, localService }) => localService && base(lang) === base(language)) ?? null;
 }
 
-/** Reads texts and the names of highlighted buttons aloud, with the browser's local voices. */
+/**
+ * Reads texts and the names of highlighted buttons aloud, with the browser's local voices.
+ *
+ * Without such a voice, it plays the study's sound file of a text.
+ */
 export class ReadAloud {
   private enabled = false;
   private language = "";
@@ -16,27 +21,36 @@ export class ReadAloud {
   private named = "";
   private readsText = false;
 
-  constructor(private readonly synthesis: SpeechSynthesis | null = globalThis.speechSynthesis ?? null) {}
+  constructor(
+    private readonly files: Pick<SoundFiles, "play" | "stop" | "playing">,
+    private readonly synthesis: SpeechSynthesis | null = globalThis.speechSynthesis ?? null,
+  ) {}
 
   /** Enables or disables reading. */
   enable(enabled: boolean): void {
     if (enabled === this.enabled) return;
     this.enabled = enabled;
     this.latest = this.named = "";
-    this.synthesis?.cancel();
+    this.cancel();
   }
 
   get speaking(): boolean {
-    return this.enabled && !!this.synthesis?.speaking;
+    return this.enabled && (!!this.synthesis?.speaking || this.files.playing);
   }
 
-  /** Reads the displayed text once. A new text interrupts the previous one. Returns whether the text is read now. */
-  read(text: string, { language }: Pick<Texts, "language">): boolean {
+  /**
+   * Reads the displayed text once. A new text interrupts the previous one. Returns whether a voice reads it.
+   *
+   * `file`: the name of its sound file.
+   */
+  read(text: string, { language }: Pick<Texts, "language">, file = ""): boolean {
     if (!this.enabled || text === this.latest) return false;
     this.latest = text;
     this.language = language;
-    this.readsText = this.speak(text);
-    return this.readsText;
+    this.readsText = true;
+    if (this.speak(text)) return true;
+    if (file && text) void this.files.play(`sounds/${language}/${file}`).catch(() => undefined);
+    return false;
   }
 
   /**
@@ -53,8 +67,8 @@ export class ReadAloud {
 
   private speak(text: string): boolean {
     const { synthesis, language, enabled } = this;
+    this.cancel();
     if (!enabled || !synthesis) return false;
-    synthesis.cancel();
     const voice = localVoice(synthesis.getVoices(), language);
     if (!voice || !text) return false;
     const utterance = new SpeechSynthesisUtterance(text);
@@ -62,5 +76,10 @@ export class ReadAloud {
     utterance.lang = voice.lang;
     synthesis.speak(utterance);
     return true;
+  }
+
+  private cancel(): void {
+    this.synthesis?.cancel();
+    this.files.stop();
   }
 }

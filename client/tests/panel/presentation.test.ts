@@ -52,10 +52,12 @@ describe("the panel", () => {
     }
   });
 
-  it.each([1, 1.5, 3])("is wholly on the preferred side with a font size of %s°", (text_deg) => {
+  it.each([1, 1.5, 1.9, 3])("is on the preferred side and in view with a font size of %s°", (text_deg) => {
     const [left, right] = (["left", "right"] as const).map((position) => placed({ text_deg, position }));
-    expect(Math.max(angleOf(left!, -1), angleOf(left!, 1))).toBeLessThan(0);
-    expect(Math.min(angleOf(right!, -1), angleOf(right!, 1))).toBeGreaterThan(0);
+    if (text_deg < 2) expect(Math.max(angleOf(left!, -1), angleOf(left!, 1))).toBeLessThan(0);
+    if (text_deg < 2) expect(Math.min(angleOf(right!, -1), angleOf(right!, 1))).toBeGreaterThan(0);
+    expect([angleOf(left!, 0) < -10, angleOf(right!, 0) > 10]).toEqual([true, true]);
+    for (const panel of [left!, right!]) for (const x of [-1, 1]) expect(Math.abs(angleOf(panel, x))).toBeLessThan(43);
     expect(angleOf(placed({ text_deg }), 0)).toBeCloseTo(0);
   });
 

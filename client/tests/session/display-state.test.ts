@@ -31,7 +31,7 @@ const BODY: Body = {
 };
 
 function phase(name: Phase["name"], text = "Texts"): Phase {
-  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {} };
+  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {}, key: "" };
 }
 
 function display(changes: Partial<DisplayState>): DisplayState {

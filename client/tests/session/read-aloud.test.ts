@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
 import { ENGLISH_TEXTS } from "../../src/page/texts";
 import { localVoice, ReadAloud } from "../../src/session/read-aloud";
+import { SoundFiles } from "../../src/session/sound-files";
 
 const VOICES = [
   { lang: "en-GB", localService: false },
@@ -20,9 +21,11 @@ function synthesizer(voices = VOICES) {
     },
     cancel: () => (synthesis.speaking = false),
   };
-  const reading = new ReadAloud(synthesis as unknown as SpeechSynthesis);
+  const played: string[] = [];
+  const play = (url: string) => Promise.resolve(void played.push(url));
+  const reading = new ReadAloud({ play, stop: () => undefined, playing: false }, synthesis as unknown as SpeechSynthesis);
   reading.enable(true);
-  return { synthesis, said, reading };
+  return { synthesis, said, played, reading };
 }
 
 beforeEach(() => vi.stubGlobal("SpeechSynthesisUtterance", class { constructor(readonly text: string) {} }));
@@ -59,8 +62,34 @@ it("reads the highlighted button after the text, or when the participant steps",
   expect(said.at(-1)).toBe("3");
 });
 
-it("is silent without a voice of this computer", () => {
-  const { said, reading } = synthesizer([VOICES[0]!]);
-  expect(reading.read("Ready?", ENGLISH_TEXTS)).toBe(false);
-  expect([said, reading.speaking]).toEqual([[], false]);
+it("plays the study's sound file without a voice of this computer", () => {
+  const { said, played, reading } = synthesizer([VOICES[0]!]);
+  for (const text of ["Ready?", "Ready?"]) expect(reading.read(text, ENGLISH_TEXTS, "ready")).toBe(false);
+  reading.name("Go on", "a");
+  expect([said, played, reading.speaking]).toEqual([[], ["sounds/en/ready"], false]);
+});
+
+it("plays only the newest sound file", async () => {
+  const started: number[] = [];
+  const stop = vi.fn();
+  const audio = {
+    destination: null,
+    decodeAudioData: (bytes: ArrayBuffer) => Promise.resolve(bytes.byteLength),
+    createBufferSource: () => ({
+      buffer: 0,
+      connect: () => undefined,
+      stop,
+      start() {
+        started.push(this.buffer);
+      },
+    }),
+  };
+  const sizes: Record<string, number> = { none: 0, a: 1, b: 2 };
+  const files = new SoundFiles(() => audio as unknown as AudioContext, (url) => Promise.resolve(new ArrayBuffer(sizes[url]!)));
+  await files.play("none");
+  expect(files.playing).toBe(false);
+  await Promise.all([files.play("a"), files.play("b")]);
+  expect([started, files.playing]).toEqual([[2], true]);
+  files.stop();
+  expect([stop.mock.calls.length, files.playing]).toEqual([1, false]);
 });

@@ -221,6 +221,7 @@ def _serve_study(
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.server.session_links import SessionLinks
+    from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
     unlock(folder)
     with (
@@ -257,6 +258,7 @@ def _serve_study(
             tokens=StudyTokens.of_study(
                 folder / PRIVATE / "tokens.json", experimenters, links, caregiver_links
             ),
+            sounds=folder / SOUNDS_FOLDER,
             record=partial(_record, LiveLog(store, storing, warn)),
             links=links,
         ) as server,

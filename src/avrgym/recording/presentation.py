@@ -31,8 +31,8 @@ class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: Annotated[
         PanelPosition,
         Meta(
-            description="Side of the panel. With `left` and `right`, for example for hemianopia, the whole panel is on "
-            "this side of straight ahead."
+            description="Side of the panel, for example for hemianopia. Up to a font size of 1.9°, the whole panel is "
+            "on this side of straight ahead; larger panels begin in the middle."
         ),
     ] = "centre"
     reduced_motion: Annotated[

@@ -495,7 +495,7 @@ class Phase(Message, frozen=True, tag="phase"):
     """The phase of the session, with the text for the participant.
 
     ``text`` is for VR with a trigger. If other texts differ, ``texts_by_input`` contains those for other kinds of
-    input, and ``page_text`` contains that for the page without a headset.
+    input, and ``page_text`` contains that for the page without a headset. ``key``: the key of the text.
     """
 
     name: PhaseName
@@ -506,6 +506,7 @@ class Phase(Message, frozen=True, tag="phase"):
     seconds: float | None
     page_text: str = ""
     texts_by_input: dict[str, str] = {}
+    key: str = ""
 
 
 class Question(Message, frozen=True, tag="question"):

@@ -5,6 +5,7 @@ import secrets
 import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, Generic
 
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
@@ -23,6 +24,7 @@ from avrgym.vr.server.connection import PARTICIPANT_CHANNEL, WATCHER_CHANNEL, Re
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
+from avrgym.vr.server.sound_files import add_sounds
 from avrgym.vr.server.web_server import STATIC, ServerError, WebServer, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
@@ -39,6 +41,7 @@ def create_app(
     record: Record,
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
+    sounds: Path | None = None,
 ) -> FastAPI:
     """Returns the web application of one session.
 
@@ -52,6 +55,7 @@ def create_app(
         record: called with the hello of each watcher, and with each of their commands.
         study: the API of the experimenter's dashboard.
         links: links of a study's participants, for the exchange of codes.
+        sounds: folder of sound files, see ``sound_files``.
     """
     start = secrets.token_hex(8)  # distinguishes scenes of this server from scenes of an earlier start
     app = FastAPI(openapi_url=None)
@@ -86,6 +90,7 @@ def create_app(
     async def spectator() -> FileResponse:
         return FileResponse(STATIC / "index.html")
 
+    add_sounds(app, tokens, sounds)
     if links is not None:
         app.post("/link")(code_exchange(links))
 
@@ -119,6 +124,7 @@ class LiveServer(Generic[S]):
         tokens: Tokens | None = None,
         record: Callable[[S, Caller, Any], None] = lambda session, caller, message: None,
         links: SessionLinks | None = None,
+        sounds: Path | None = None,
     ) -> None:
         """Bind the port and create the session.
 
@@ -132,6 +138,7 @@ class LiveServer(Generic[S]):
             tokens: tokens that authenticate clients; default: new ones.
             record: called with the hello of each watcher, and with each of their commands.
             links: links of a study's participants. A participant is disconnected when the link expires.
+            sounds: folder of sound files, see ``sound_files``.
 
         Raises:
             ServerError: if the client is not built or the port is not available.
@@ -155,7 +162,16 @@ class LiveServer(Generic[S]):
         limiter = ConnectionLimiter(listener, self.tokens)
         of_session = partial(record, self.session)
         self.app = create_app(
-            self.loop, broadcast, self.tokens, limiter, hosts, self._exporter, of_session, pages, links
+            self.loop,
+            broadcast,
+            self.tokens,
+            limiter,
+            hosts,
+            self._exporter,
+            of_session,
+            pages,
+            links,
+            sounds,
         )
         self._web = WebServer(self.app, limiter, certificate)
 

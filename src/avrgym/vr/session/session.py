@@ -278,6 +278,7 @@ class Session:
             phase.seconds,
             texts.render_for_page(phase.message),
             texts.render_by_input(phase.message),
+            phase.message.key,
         )
         state.record_event("phase", phase.name)
         state.sink.report(events.PhaseEntered(state.now_s, phase.name, trial))
