@@ -1,6 +1,8 @@
 """Conditions of a study with the same policy: autonomous, and paced by participants with their own preferences."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +14,8 @@ from avrgym.commands.preferences import Preferences
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
 from avrgym.study.checking.checks import check_study
+from avrgym.study.dashboard.application import ACTIONS, Dashboard, NewPreferences
+from avrgym.study.dashboard.views import participant_view
 from avrgym.study.design.design import DesignError
 from avrgym.study.people.preferences import preferences_of, record_preferences
 from avrgym.study.sessions.simulation import simulate_study
@@ -19,6 +23,7 @@ from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.settings import Settings
+from avrgym.vr.session.phases.preparing import trial_text
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 
@@ -58,6 +63,30 @@ def test_preferences_apply_in_the_trials_of_the_conditions_that_say_so(tmp_path:
         ):
             record_preferences(store, pseudonym, Preferences(commands=("ready",)))
         assert preferences_of(store, pseudonym) == paced.preferences
+
+
+def test_participants_read_their_preferences_before_a_trial(tmp_path: Path) -> None:
+    """The text before a trial and the dashboard have the same sentences; a change on the dashboard is checked."""
+    with Store(study_with_conditions(tmp_path / "study")) as store:
+        pseudonym = enrol_included(store)
+        dashboard, act = Dashboard(store, None), ACTIONS["preferences"][1]
+        act(dashboard, pseudonym, NewPreferences(["speed=0.5", "side=left"]))
+        with pytest.raises(StudyError, match="speed"):
+            act(dashboard, pseudonym, NewPreferences(["speed=9"]))
+        shown = participant_view(store, pseudonym)
+        assert "50%" in shown.preferences_words
+        assert "on your left" in shown.preferences_words
+        planned = plan_session(store, pseudonym)
+        texts = {
+            trial.policy: trial_text(
+                "ready",
+                cast("Any", SimpleNamespace(plan=planned, current=trial, trial=0)),
+                with_preferences=True,
+            )
+            for trial in planned.trials
+        }
+        assert shown.preferences_words in str(texts["participant_paced"].values["goal"])
+        assert "speed" not in str(texts["autonomous"].values["goal"])
 
 
 def test_the_command_line_shows_and_changes_preferences_in_words(tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ BODIES: dict[str, Any] = {
     "inclusion": {"answers": {}},
     "input": {"profile": {"method": "head", "dwell_s": 2}},
     "respondent": {"respondent": "proxy"},
+    "preferences": {"changes": ["speed=0.5"]},
     "withdrawal": {"reason": ""},
     "notes": {"text": "looked left"},
     "edited-notes": {"id": 1, "text": "looked right"},

@@ -53,6 +53,12 @@ function offerConfirmation(form: HTMLFormElement, error: unknown): never {
 }
 
 /** Shows one confirmation field of a form and hides all others. */
+/** The preferences that the form changes, as `name=value`. */
+function changesIn(form: HTMLFormElement): string[] {
+  const values = [...new FormData(form).entries()].filter(([, value]) => value !== "");
+  return values.map(([name, value]) => (name === "distance_cm" ? `distance_m=${Number(value) / 100}` : `${name}=${value}`));
+}
+
 function showConfirmation(form: HTMLFormElement, name: string | null): void {
   for (const field of form.querySelectorAll<HTMLElement>("[data-confirm]")) field.hidden = field.dataset["confirm"] !== name;
 }
@@ -74,6 +80,7 @@ export class Dashboard {
       version: this.overview!.consent_version,
       role: this.person?.missing_consent === "assent" ? "assent" : "participant",
     }));
+    this.onAct("preferences", "preferences", "are stored", (form) => ({ changes: changesIn(form) }));
     this.onAct("respondent", "respondent", "is stored", (form) => ({ respondent: field(form, "respondent") }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
     this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
@@ -242,6 +249,8 @@ export class Dashboard {
     element("decline").hidden = !must_reconsent && person.missing_consent !== "assent";
     this.fill("consents", person.consents, () => person.consents.map(line));
     this.showRespondent(person);
+    element("preferences-part").hidden = person.preferences === null;
+    element("preferences-words").textContent = person.preferences_words;
     element("sessions-part").hidden = person.sessions.length === 0;
     this.showTable("sessions", sessionsTable(person.sessions));
     element("inclusion").hidden = state !== "consented" || must_reconsent;
@@ -305,6 +314,7 @@ export class Dashboard {
 const NOUNS: Record<Action, string> = {
   consent: "consent",
   respondent: "who answers",
+  preferences: "the preferences",
   "declined-consent": "the withdrawal",
   inclusion: "the answers",
   sessions: "the session",

@@ -157,6 +157,9 @@ export interface Participant {
   /** `proxy` or `assent` if only the other one was given. */
   missing_consent: string;
   respondent: string;
+  /** Null if no condition uses preferences. Values that equal the defaults are left out. */
+  preferences: Record<string, unknown> | null;
+  preferences_words: string;
   sessions: SessionSummary[];
   scores: Score[];
   trials: Trial[];
@@ -166,7 +169,7 @@ export interface Participant {
 }
 
 /** Actions on a participant; see `study/dashboard/application.py`. */
-export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "input" | "respondent" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
+export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "input" | "respondent" | "preferences" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
 
 /** A participant's identity, and whether the experimenter confirms that no other participant is the same person. */
 export interface Identity {

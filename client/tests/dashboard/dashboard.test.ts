@@ -44,6 +44,8 @@ const PERSON: Participant = {
   consents: [],
   missing_consent: "",
   respondent: "participant",
+  preferences: null,
+  preferences_words: "",
   sessions: [],
       input: { ...CONTROLLERS },
       input_words: "controllers",

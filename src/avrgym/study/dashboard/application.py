@@ -12,6 +12,7 @@ import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from avrgym.commands.preferences import DEFAULT_PREFERENCES, change_preferences
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
@@ -33,6 +34,7 @@ from avrgym.study.people.participants import (
     set_identity,
     withdraw,
 )
+from avrgym.study.people.preferences import preferences_of, record_preferences
 from avrgym.study.people.proxies import set_respondent
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
@@ -159,6 +161,12 @@ class NewRespondent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     respondent: str
 
 
+class NewPreferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request to change preferences for the robot. ``changes``: texts ``name=value``, see ``change_preferences``."""
+
+    changes: list[Line]
+
+
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to withdraw a participant. The reason may be empty."""
 
@@ -253,6 +261,15 @@ def _change_respondent(dashboard: Dashboard, pseudonym: str, new: NewRespondent)
     set_respondent(dashboard.store, pseudonym, new.respondent)
 
 
+def _change_preferences(dashboard: Dashboard, pseudonym: str, new: NewPreferences) -> None:
+    before = preferences_of(dashboard.store, pseudonym) or DEFAULT_PREFERENCES
+    try:
+        preferences = change_preferences(before, new.changes)
+    except ValueError as error:
+        raise StudyError(str(error)) from None
+    record_preferences(dashboard.store, pseudonym, preferences)
+
+
 def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
     if dashboard.live is not None and dashboard.live.participant == pseudonym:
         dashboard.live.withdraw(pseudonym, withdrawal.reason)
@@ -295,6 +312,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "inclusion": (InclusionAnswers, _include),
     "input": (NewInput, _change_input),
     "respondent": (NewRespondent, _change_respondent),
+    "preferences": (NewPreferences, _change_preferences),
     "withdrawal": (Withdrawal, _withdraw),
     "notes": (NewNote, _note),
     "edited-notes": (EditedNote, _edit_note),
@@ -307,6 +325,7 @@ LOGGED_AS = {
     "identity": "change identity",
     "input": "change input",
     "respondent": "change respondent",
+    "preferences": "record preferences",
     "withdrawal": "withdraw",
     "notes": "add note",
     "edited-notes": "edit note",

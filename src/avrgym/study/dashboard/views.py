@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from avrgym.commands.input_names import InputMethod, StopInput
+from avrgym.commands.preferences import DEFAULT_PREFERENCES, Preferences, describe_preferences
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
 from avrgym.recording.respondents import RESPONDENTS
@@ -27,6 +28,7 @@ from avrgym.study.people.adverse_events import (
 )
 from avrgym.study.people.consents import describe, missing_role
 from avrgym.study.people.participants import consent_text, participant_texts
+from avrgym.study.people.preferences import preferences_of
 from avrgym.study.people.retention import describe_due, today
 from avrgym.study.storage.answers import attempts_with_open_questionnaire
 from avrgym.study.storage.identity_file import named_pseudonyms
@@ -139,6 +141,7 @@ class ParticipantView:
     participant accepted another version of the consent text. ``input``: how the participant selects and stops;
     ``input_words``: the same in one line. ``consents``: all decisions in words. ``missing_consent``: ``proxy`` or
     ``assent`` if only the other one was given. ``respondent``: who answers the questionnaires.
+    ``preferences``: for the robot, ``None`` if no condition uses them; ``preferences_words``: the same in words.
     """
 
     participant: str
@@ -160,6 +163,8 @@ class ParticipantView:
     consents: tuple[str, ...]
     missing_consent: str
     respondent: str
+    preferences: Preferences | None
+    preferences_words: str
     sessions: tuple[SessionSummary, ...]
     scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
@@ -213,6 +218,8 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
     consents = store.consents(pseudonym)
+    applies = any(rules.preferences for rules in design.conditions.values())
+    own = (preferences_of(store, pseudonym) or DEFAULT_PREFERENCES) if applies else None
     left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     return ParticipantView(
         participant=pseudonym,
@@ -233,6 +240,8 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         must_reconsent=participant.must_reconsent(design.consent.version),
         consents=tuple(describe(each) for each in consents),
         missing_consent=missing_role(consents, design.consent.version),
+        preferences=own,
+        preferences_words="" if own is None else describe_preferences(own, texts.language),
         respondent=participant.respondent or RESPONDENTS[0],
         sessions=tuple(summarise_sessions(store, pseudonym)),
         scores=tuple(_scores(store, participant)),

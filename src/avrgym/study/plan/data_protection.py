@@ -7,6 +7,7 @@ controller completes the drafts.
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from avrgym.recording.respondents import CAREGIVER
 from avrgym.study.design.description import describe_procedure
 from avrgym.study.design.design import Design
 from avrgym.study.plan.preregistration import as_markdown, bullet_list, write_draft
@@ -113,7 +114,9 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
         "Record (Article 30(1))": {
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
             "(b) Purposes": _fill_in("the research question") + f" The study: {design.title}.",
-            "(c) Categories of people": f"{design.participants} participants of a study; experimenters, in its log. "
+            "(c) Categories of people": f"{design.participants} participants of a study; experimenters, "
+            "in its log; representatives and "
+            "caregivers, if any. "
             + _fill_in("how they are recruited, and whether any of them are vulnerable"),
             "(c) Categories of data": bullet_list(_data(design)),
             "(d) Recipients": _recipients(design),
@@ -135,6 +138,13 @@ def _data(design: Design) -> Iterable[str]:
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)
     if design.ask_functioning:
         yield "Data on health (Article 9(1)): functioning, assistive devices, diagnosis, where not declined."
+    yield (
+        "Data on health (Article 9(1)), because they reveal impairments: input profile (column input_method, arms that "
+        "do not move, stops) and preferences for the robot."
+    )
+    if any(CAREGIVER in each.moments for each in design.questionnaires):
+        yield "Answers of caregivers to their own questions, under the pseudonym of the participant."
+    yield "Consent of a representative and answers by a proxy, where a participant cannot give them alone."
     yield "Movements of head and hands during each trial, at the rate of tracking."
     names = ", ".join(each.name for each in design.questionnaires)
     yield f"Answers with response times: {names or 'no questionnaires'}."
@@ -146,7 +156,7 @@ def _data(design: Design) -> Iterable[str]:
 
 def _health(design: Design) -> str:
     return (
-        "Inclusion questions, adverse events"
+        "Inclusion questions, input profiles (input_method), adverse events"
         + (", signals of other devices" if design.streams.receive else "")
         + " and movements of people with impairments may be data on health (Article 9(1))."
     )

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 import msgspec
 
+from avrgym.commands.preferences import describe_preferences
 from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
@@ -228,12 +229,18 @@ class ConfirmReady(BetweenTrials):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.message = trial_text("ready", state)
+        self.message = trial_text("ready", state, with_preferences=True)
 
 
-def trial_text(key: str, state: SessionState) -> Text:
-    """Returns the text about the next trial: its number and its task."""
+def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> Text:
+    """Returns the text about the next trial: its number and its task.
+
+    ``with_preferences``: also how the robot behaves in this trial, if the participant can influence it.
+    """
     plan, trial = state.plan, state.current
+    goal = plan.goal_of(trial)
+    if with_preferences and trial.rules is not None:
+        goal = f"{goal} {describe_preferences(trial.rules.preferences, plan.texts.language)}"
     number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}
     which = plan.texts.render(Text("practice") if trial.practice else Text("trial", number))
-    return Text(key, {"trial": which, "goal": plan.goal_of(trial)})
+    return Text(key, {"trial": which, "goal": goal})
