@@ -14,6 +14,7 @@ import torch
 
 from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
+from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_WIDTH_M, ARMREST_TOP_M
 from avrgym.models.human import GEOMS, JOINTS, RECLINED, SEATED, People
 from avrgym.models.scene import TOOL_CONTACTS
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
@@ -23,16 +24,19 @@ from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
+from avrgym.tasks.arm_manipulation.reward import RESTING_X_M
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.simulation.tensors import as_tensors, assert_tensors_close, single_precision
 
 WORLDS = 32
+CROWD_W = np.array([0.0, -0.35, 1.1])
+"""Where mouths are, in the world frame, in metres."""
 
 
 def around(rng: np.random.Generator, *shape: int, spread: float = 0.03) -> Any:
     """Places about a point where mouths are, so near each other that things touch."""
-    return np.array([0.0, -0.35, 1.1]) + rng.uniform(-spread, spread, (WORLDS, *shape, 3))
+    return CROWD_W + rng.uniform(-spread, spread, (WORLDS, *shape, 3))
 
 
 def rotations(rng: np.random.Generator, *shape: int) -> Any:
@@ -73,6 +77,8 @@ def crowded_state(
         tool_contact_force_n=np.where(touching, rng.uniform(0.0, 8.0, touching.shape), 0.0),
         **{f"{name}_force_n": force for name, force in forces.items()},
         **{f"{name}_velocity_w": each for name, each in velocity.items()},
+        left_arm_pos_w=around(rng, 3),
+        left_arm_q_w=rotations(rng, 3),
     )
 
 
@@ -124,6 +130,9 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     if task.marks is not None:
         spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=TOOL_CONTACTS)]
         state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
+    if name == "ArmManipulation":
+        corner = [RESTING_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M]
+        state = replace(state, right_arm_pos_w=state.right_arm_pos_w + (corner - CROWD_W))
     return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, len(scene.action_names))), kept
 
 
