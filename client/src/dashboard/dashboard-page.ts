@@ -83,7 +83,10 @@ export class Dashboard {
     this.onAct("preferences", "preferences", "are stored", (form) => ({ changes: changesIn(form) }));
     this.onAct("respondent", "respondent", "is stored", (form) => ({ respondent: field(form, "respondent") }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
-    this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
+    this.onAct("begin", "sessions", "has begun", (form) => ({
+      furniture: this.furnitureIn(form),
+      own: (form.elements.namedItem("own") as HTMLInputElement).checked,
+    }));
     this.onSubmit("link", () => this.renewLink());
     this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
     this.onAct("edit-note", "edited-notes", "is changed", (form) => ({
@@ -202,7 +205,7 @@ export class Dashboard {
     element("language-choice").hidden = Object.keys(languages).length < 2;
     this.fill("language", languages, () => Object.entries(languages).map(([tag, name]) => new Option(name, tag)));
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
-    this.showFurniture(furniture);
+    this.showFurniture(this.person?.furniture ?? furniture);
     this.adverseEvent.offerScales(overview.scales);
     this.input.offer(overview.input_stops);
     element("scales-words").textContent = overview.scales_words;
@@ -249,6 +252,8 @@ export class Dashboard {
     element("decline").hidden = !must_reconsent && person.missing_consent !== "assent";
     this.fill("consents", person.consents, () => person.consents.map(line));
     this.showRespondent(person);
+    this.showFurniture(person.furniture ?? this.overview!.furniture);
+    (element<HTMLFormElement>("begin").elements.namedItem("own") as HTMLInputElement).disabled = person.furniture !== null;
     element("preferences-part").hidden = person.preferences === null;
     element("preferences-words").textContent = person.preferences_words;
     element("sessions-part").hidden = person.sessions.length === 0;

@@ -157,6 +157,8 @@ export interface Participant {
   /** `proxy` or `assent` if only the other one was given. */
   missing_consent: string;
   respondent: string;
+  /** Their own seat and bed, if measured. */
+  furniture: Furniture | null;
   /** Null if no condition uses preferences. Values that equal the defaults are left out. */
   preferences: Record<string, unknown> | null;
   preferences_words: string;

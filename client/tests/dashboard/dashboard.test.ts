@@ -44,6 +44,7 @@ const PERSON: Participant = {
   consents: [],
   missing_consent: "",
   respondent: "participant",
+  furniture: null,
   preferences: null,
   preferences_words: "",
   sessions: [],

@@ -398,3 +398,41 @@ def respondent(
         set_respondent(store, participant, who)
         log(store, "change respondent", participant, detail=who)
     print_line(f"{participant}  questions are answered by: {who}")
+
+
+def own_furniture(
+    folder: Folder,
+    participant: Pseudonym,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a measure, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
+    ] = None,
+) -> None:
+    """Show or store the measures of a participant's own wheelchair and bed.
+
+    They replace those of study.toml and of the station in all later sessions of the participant. Names are those of
+    [furniture] in study.toml.
+    """
+    from msgspec.structs import asdict
+
+    from avrgym.models.furniture.real_furniture import ALLOWED_RANGES, change_furniture
+    from avrgym.study.people.furniture import furniture_of, record_furniture
+    from avrgym.study.storage.store import Store
+
+    with report_errors(), Store(folder) as store:
+        store.participant(participant)
+        own = furniture_of(store, participant) or store.design.furniture
+        values: dict[str, float] = {}
+        for each in change or ():
+            name, _, text = (part.strip() for part in each.partition("="))
+            if name not in ALLOWED_RANGES:
+                raise RuntimeError(f"unknown measure {name!r}; allowed: {', '.join(ALLOWED_RANGES)}")
+            try:
+                values[name] = float(text)
+            except ValueError:
+                raise RuntimeError(f"{each!r} has no number; allowed: {name}=0.5 or another number") from None
+        if values:
+            own = change_furniture(own, **values)
+            record_furniture(store, participant, own)
+            log(store, "measure furniture", participant)
+    print_line(f"{participant}  {', '.join(f'{name} {value:g}' for name, value in asdict(own).items())}")

@@ -15,6 +15,7 @@ from avrgym.cli.participant_records import (
     change_input,
     data_protection,
     functioning,
+    own_furniture,
     participant_data,
     preferences,
     record_adverse_event,
@@ -73,6 +74,7 @@ app.command()(participant_data)
 app.command()(data_protection)
 app.command()(functioning)
 app.command()(preferences)
+app.command("furniture")(own_furniture)
 app.command()(respondent)
 app.command("input")(change_input)
 app.command()(add_experimenter)

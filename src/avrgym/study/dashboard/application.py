@@ -22,6 +22,7 @@ from avrgym.study.dashboard.caregiver import caregiver_app
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
+from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.people.identities import PossibleDuplicate
 from avrgym.study.people.input_profiles import checked_profile, set_input_profile
 from avrgym.study.people.participants import (
@@ -198,9 +199,13 @@ class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to start a session. ``furniture`` replaces the furniture of the previous session."""
+    """Request to start a session. ``furniture`` replaces the furniture of the previous session.
+
+    ``own``: it is the participant's own, and is stored for their later sessions.
+    """
 
     furniture: RealFurniture | None = None
+    own: bool = False
 
 
 def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
@@ -296,7 +301,14 @@ def _report(dashboard: Dashboard, pseudonym: str, new: NewReport) -> None:
 def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStart) -> None:
     if dashboard.live is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    dashboard.live.begin(pseudonym, start.furniture)
+    stored = furniture_of(dashboard.store, pseudonym)
+    given = start.furniture
+    if given is None or not (start.own or stored):
+        dashboard.live.begin(pseudonym, given)
+        return
+    if given != stored:
+        record_furniture(dashboard.store, pseudonym, given)
+    dashboard.live.begin(pseudonym)
 
 
 def _renew_link(dashboard: Dashboard, pseudonym: str, _: NewLink) -> None:

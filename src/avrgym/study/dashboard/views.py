@@ -27,6 +27,7 @@ from avrgym.study.people.adverse_events import (
     safety_events,
 )
 from avrgym.study.people.consents import describe, missing_role
+from avrgym.study.people.furniture import furniture_of
 from avrgym.study.people.participants import consent_text, participant_texts
 from avrgym.study.people.preferences import preferences_of
 from avrgym.study.people.retention import describe_due, today
@@ -141,7 +142,9 @@ class ParticipantView:
     participant accepted another version of the consent text. ``input``: how the participant selects and stops;
     ``input_words``: the same in one line. ``consents``: all decisions in words. ``missing_consent``: ``proxy`` or
     ``assent`` if only the other one was given. ``respondent``: who answers the questionnaires.
-    ``preferences``: for the robot, ``None`` if no condition uses them; ``preferences_words``: the same in words.
+    ``furniture``: their own seat
+    and bed, if measured. ``preferences``: for the robot, ``None`` if no condition uses them;
+    ``preferences_words``: the same in words.
     """
 
     participant: str
@@ -163,6 +166,7 @@ class ParticipantView:
     consents: tuple[str, ...]
     missing_consent: str
     respondent: str
+    furniture: RealFurniture | None
     preferences: Preferences | None
     preferences_words: str
     sessions: tuple[SessionSummary, ...]
@@ -240,6 +244,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         must_reconsent=participant.must_reconsent(design.consent.version),
         consents=tuple(describe(each) for each in consents),
         missing_consent=missing_role(consents, design.consent.version),
+        furniture=furniture_of(store, pseudonym),
         preferences=own,
         preferences_words="" if own is None else describe_preferences(own, texts.language),
         respondent=participant.respondent or RESPONDENTS[0],

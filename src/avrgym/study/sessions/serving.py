@@ -9,6 +9,7 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.respondents import CAREGIVER
+from avrgym.study.people.furniture import furniture_of
 from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_remaining
@@ -241,7 +242,8 @@ class StudySessions:
         """The session in VR; ``None`` if only questions after the session remain."""
         if visit.items("after_session") and not has_remaining(self._store, visit.pseudonym):
             return None
-        plan = visit.plan(self._furniture, headset_check=self._headset_check)
+        own = furniture_of(self._store, visit.pseudonym)
+        plan = visit.plan(own or self._furniture, headset_check=self._headset_check)
         return visit.session(plan, self._send, self._workers, self._scenes, self._streams)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:

@@ -20,6 +20,7 @@ from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
+from avrgym.study.people.furniture import furniture_of
 from avrgym.study.people.input_profiles import set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.people.preferences import preferences_of, trial_rules
@@ -263,7 +264,8 @@ def plan_session(
 ) -> SessionPlan:
     """Plan a participant's next session. At least one trial or open questionnaire must remain.
 
-    ``furniture``: the real seat and bed; default: the design's. ``headset_check``: check the headset of a person, even
+    ``furniture``: the real seat and bed; default: the participant's own, or the design's.
+    ``headset_check``: check the headset of a person, even
     if the design does not require it.
     """
     participant, design = store.participant(pseudonym), store.design
@@ -285,7 +287,7 @@ def plan_session(
         simulated=participant.simulated,
         items=translate(design.items_at("after_trial"), texts),
         trial_steps=design.trial_steps,
-        furniture=furniture or design.furniture,
+        furniture=furniture or furniture_of(store, pseudonym) or design.furniture,
         force_guard=design.force_guard,
         withdraw_after_success=design.withdraw_after_success,
         stop_rules=design.rules,

@@ -1,0 +1,56 @@
+"""A participant's own wheelchair and bed."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli.main import app
+from avrgym.models.furniture.real_furniture import RealFurniture
+from avrgym.study.dashboard.views import participant_view
+from avrgym.study.people.furniture import furniture_of, record_furniture
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.sessions.visit import plan_session
+from avrgym.study.storage import database
+from avrgym.study.storage.store import Store
+from helpers.studies.small_studies import enrol_with_consent, small_study
+
+
+@pytest.fixture(autouse=True)
+def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+
+
+def test_own_furniture_applies_in_the_sessions_of_its_owner_only(tmp_path: Path) -> None:
+    """It replaces the station's furniture; another participant gets that of the station."""
+    own, station = RealFurniture(seat_height_m=0.6, mattress_back_deg=30.0), RealFurniture(seat_height_m=0.4)
+    with Store(small_study(tmp_path)) as store:
+        owner, other = (enrol_with_consent(store) for _ in range(2))
+        record_furniture(store, owner, RealFurniture(seat_height_m=0.5))
+        record_furniture(store, owner, own)
+        assert (plan_session(store, owner).furniture, plan_session(store, other).furniture) == (
+            own,
+            store.design.furniture,
+        )
+        assert participant_view(store, owner).furniture == own
+        for name, expected in ((owner, own), (other, station)):
+            sessions = StudySessions(store, lambda _: None, first=name, furniture=station)
+            assert sessions._session is not None
+            assert sessions._session.plan.furniture == expected
+            sessions.close(0.0)
+
+
+def test_the_command_line_stores_measures_and_refuses_impossible_ones(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path)) as store:
+        name = enrol_with_consent(store)
+        for change, words in (
+            ("seat_height_m=3", "allowed: 0.3 to 0.7"),
+            ("legs=4", "allowed: seat_height_m"),
+        ):
+            refused = CliRunner().invoke(app, ["study", "furniture", str(tmp_path), name, "--set", change])
+            assert refused.exit_code == 1
+            assert words in " ".join(refused.output.split())
+        assert furniture_of(store, name) is None
+        arguments = ["study", "furniture", str(tmp_path), name, "--set", "seat_back_deg=80"]
+        assert CliRunner().invoke(app, arguments).exit_code == 0
+        assert furniture_of(store, name) == RealFurniture(seat_back_deg=80.0)
