@@ -1,13 +1,14 @@
 """Fit the behaviour parameters of the zoo to recorded motion.
 
-For each participant, the parameters of movements are least-squares estimates: the behaviour model of the zoo and the
-motor model predict the motion from the recorded positions of the tool (Levenberg-Marquardt method, from the best point
-of a grid; all participants are computed together). The estimates of sway and tremor are those of each trial's
-periodogram, averaged over trials. Estimates are then shrunk to the group, see ``statistics.shrinkage``.
+For each participant, the parameters of movements are robust least-squares estimates: the behaviour model of the zoo and
+the motor model predict the motion from the recorded positions of the tool. The Levenberg-Marquardt method starts at the
+best point of a grid. The estimates of sway and tremor are those of each trial's periodogram, averaged over trials.
+Estimates are then shrunk to the group, see ``statistics.shrinkage``.
 
 Sampling variances come from differences between trials of the same participant, or between halves of a single trial,
 pooled over participants: the variances of the least-squares estimates are those of independent errors, multiplied by
 the ratio of the jackknife's variance to them (Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, 1982).
+Parameters that a search finds have the variance of the best values of trials.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,6 +41,7 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
 information in a participant's trials, for example because the tool never came near, keeps the prior's variance."""
 RHYTHMS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
 FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMS)
+SWAY_STEP_HZ = 0.004
 SWAY_HZ, TREMOR_HZ = (0.05, 0.6), (3.5, 12.0)
 """Frequencies at which sway and tremor are searched. Tremor is that of 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
 2018)."""
@@ -49,19 +51,35 @@ _GRID = [
     for startle_deg, startle_distance_m in ((0.5, 0.2), (10.0, 0.14), (10.0, 0.2), (10.0, 0.26))
 ]
 _NAMES = tuple(MOVEMENT_PRIORS)
-_STEPS = np.array([0.02, 0.02, 0.02, 0.02, 0.5, 0.01, 0.1])
-"""Steps of finite differences."""
+_STEPS = np.array([0.05, 0.02, 0.05, 0.05, 1.0, 0.02, 0.1])
+"""Half of the steps of central differences. People observe the tool ten times a second: smaller steps of reaction time
+and distances would measure jumps of the prediction."""
+_SEARCHED: Mapping[str, FloatArray] = {
+    "reaction_s": 0.02 * np.arange(-10.0, 11.0),
+    "speed_share": 0.05 * np.arange(-8.0, 9.0),
+    "startle_m": 0.005 * np.arange(-10.0, 11.0),
+    "startle_s": 0.05 * np.arange(-8.0, 9.0),
+}
+"""Parameters on which predictions depend discontinuously or little, and changes that a search tries."""
+OUTLIER = 2.385
+"""Deviations above this multiple of the standard deviation have less weight (Cauchy's function; Holland and Welsch,
+Commun. Stat. 6:813, 1977)."""
+MAD_FACTOR = 1.4826
+"""Standard deviation of normally distributed values, divided by their median absolute deviation."""
 _MOVING = [JOINT_INDEX[name] for name in (*CHANNELS, "waist_z")]
 _SHOWN = slice(len(CHANNELS))
 SIDEWAYS_SWAY = 0.7
 """Frequency of sway to the sides relative to that forwards and backwards, as in ``people.motor``."""
+_STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("startle")]
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
 _LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
 _EVERY = SUBSTEPS // 2
 """The least-squares method compares every fifth angle: 20 a second."""
-LAG_TICKS = 2
+LAG_TICKS = 1
 """Ticks of 10 ms from a motion to the joint targets that follow it."""
-ITERATIONS = 5
+TIE = 0.5
+"""Differences of costs below this are ignored."""
+ITERATIONS = 3
 """Iterations of each of two passes: before and after the frequency of sway is known."""
 NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
 """Initial and least standard deviation of the motion's deviations from the model."""
@@ -100,6 +118,7 @@ def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
     fit.optimise()
     variances = fit.variances()
     informative = (variances < 0.5 * _DEVIATION**2).sum(axis=0) > 1
+    informative[_STARTLE] = informative[_STARTLE].any()
     parameters = {
         name: shrink(fit.values[:, column], variances[:, column])
         for column, name in enumerate(_NAMES)
@@ -165,6 +184,29 @@ class _Fit:
             self.values = points[choice, everyone]
             chosen = np.array([100.0, *factors])[choice]
             damping = np.clip(damping * chosen, 1e-6, 1e4)
+            if iteration in (0, ITERATIONS - 1):
+                for name, changes in _SEARCHED.items():
+                    self._search(_NAMES.index(name), changes)
+
+    def _searched(self, column: int, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns C points (C, n, 7) that differ from ``values`` in one parameter, and their costs (C, pieces)."""
+        points = np.tile(self.values, (len(changes), 1, 1))
+        points[..., column] = np.clip(points[..., column] + changes[:, None], _LOW[column], _HIGH[column])
+        return points, self._piece_costs(self._residuals(points))
+
+    def _search(self, column: int, changes: FloatArray) -> None:
+        """Change one parameter to the mean of the best values. Equally good values are an interval."""
+        points, of_pieces = self._searched(column, changes)
+        costs = self._per_participant(of_pieces.T).T + _prior_costs(points)
+        self.values[:, column] = _best(points[..., column], costs)[0]
+
+    def _search_variances(self, column: int, changes: FloatArray) -> FloatArray:
+        """Returns the sampling variances (n,) of a parameter: that of the best values of pieces, pooled, and that of
+        equally good values."""
+        points, of_pieces = self._searched(column, changes)
+        best, variance = _best(points[:, self._piece_owner, column], of_pieces)
+        count = np.bincount(self._piece_owner)
+        return self.squared_errors(best[:, None])[:, 0] + self._per_participant(variance) / count**2
 
     def remove_sway(self, sway_hz: FloatArray) -> None:
         """Ignore sway of the waist with the participants' frequencies (n,) from now on."""
@@ -184,10 +226,12 @@ class _Fit:
         jackknife = (count - 1.0) / count * self._per_participant(change**2)
         independent = np.einsum("nii->ni", np.linalg.inv(curvature))
         informative = independent < 0.25 * _DEVIATION**2
-        ratio = (jackknife * informative).sum(axis=0) / np.maximum(
-            (independent * informative).sum(axis=0), 1e-12
-        )
-        return np.minimum(independent * np.maximum(ratio, 1.0), _DEVIATION**2)
+        ratio = (jackknife / independent * informative).sum(axis=0) / np.maximum(informative.sum(axis=0), 1)
+        variances = independent * np.maximum(ratio, 1.0)
+        for name, changes in _SEARCHED.items():
+            column = _NAMES.index(name)
+            variances[:, column] = self._search_variances(column, changes)
+        return np.minimum(variances, _DEVIATION**2)
 
     def rhythms(self) -> FloatArray:
         """Returns estimates (pieces, 4) of the ``RHYTHMS``."""
@@ -229,25 +273,35 @@ class _Fit:
         return deviations
 
     def _differentiated(self) -> list[FloatArray]:
-        """Returns deviations (8, T, 5) of each trial: with ``values``, and after a step of each parameter."""
-        return self._residuals(self.values + np.vstack([np.zeros(len(_NAMES)), np.diag(_STEPS)])[:, None])
+        """Returns deviations (15, T, 5) of each trial: with ``values``, and after steps of each parameter upwards, then
+        downwards."""
+        steps = np.diag(_STEPS)
+        points = self.values + np.concatenate([np.zeros((1, len(_NAMES))), steps, -steps])[:, None]
+        return self._residuals(np.clip(points, _LOW, _HIGH))
 
     def _costs(self, residuals: list[FloatArray], points: FloatArray) -> FloatArray:
         """Returns the costs (C, n) of C points: half the sum of squares, with the prior."""
-        costs = 0.5 * (((points - _MEAN) / _DEVIATION) ** 2).sum(axis=-1)
-        for each, owner in zip(residuals, self._owner, strict=True):
-            costs[:, owner] += 0.5 * ((each / self._noise_rad[owner]) ** 2).sum(axis=(1, 2))
-        return costs
+        return self._per_participant(self._piece_costs(residuals).T).T + _prior_costs(points)
+
+    def _piece_costs(self, residuals: list[FloatArray]) -> FloatArray:
+        """Returns half the sums of squares (C, pieces), in which outliers have less weight."""
+        costs: list[FloatArray] = []
+        for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
+            scaled = residuals[number][:, rows] / (OUTLIER * self._noise_rad[owner])
+            costs.append(0.5 * OUTLIER**2 * np.log1p(scaled**2).sum(axis=(1, 2)))
+        return np.stack(costs, axis=1)
 
     def _normal_equations(self, residuals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Returns normal matrices (pieces, 7, 7) and slopes (pieces, 7) from ``_differentiated`` deviations."""
         matrices: list[FloatArray] = []
         slopes: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
-            scaled = (residuals[number][:, rows] / self._noise_rad[owner]).reshape(1 + len(_NAMES), -1)
-            jacobian = (scaled[1:] - scaled[0]) / _STEPS[:, None]
-            matrices.append(jacobian @ jacobian.T)
-            slopes.append(-jacobian @ scaled[0])
+            scaled = (residuals[number][:, rows] / self._noise_rad[owner]).reshape(1 + 2 * len(_NAMES), -1)
+            up, down = np.split(scaled[1:], 2)
+            jacobian = (up - down) / (2.0 * _STEPS[:, None])
+            weighted = jacobian / (1.0 + (scaled[0] / OUTLIER) ** 2)
+            matrices.append(weighted @ jacobian.T)
+            slopes.append(-weighted @ scaled[0])
         return np.array(matrices), np.array(slopes)
 
     def _measure_noise(self, residuals: list[FloatArray]) -> None:
@@ -255,7 +309,20 @@ class _Fit:
             own = np.concatenate(
                 [each[0] for each, of in zip(residuals, self._owner, strict=True) if of == owner]
             )
-            self._noise_rad[owner] = np.maximum(np.sqrt((own**2).mean(axis=0)), MIN_NOISE_RAD)
+            self._noise_rad[owner] = np.maximum(MAD_FACTOR * np.median(np.abs(own), axis=0), MIN_NOISE_RAD)
+
+
+def _prior_costs(points: FloatArray) -> FloatArray:
+    """Returns the costs (C, n) of points (C, n, 7) by the priors."""
+    return 0.5 * (((points - _MEAN) / _DEVIATION) ** 2).sum(axis=-1)
+
+
+def _best(values: FloatArray, costs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns means and variances (n,) of the best of C values (C, n), which have almost equal costs (C, n)."""
+    best = costs < costs.min(axis=0) + TIE
+    count = best.sum(axis=0)
+    mean = (best * values).sum(axis=0) / count
+    return mean, (best * (values - mean) ** 2).sum(axis=0) / count
 
 
 # Models -------------------------------------------------------------------------------------------------------
@@ -366,7 +433,7 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(len(deviations_rad))
     best = np.inf, 0.0, 0.0
     low_hz, high_hz = SWAY_HZ
-    for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, 0.01):
+    for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, SWAY_STEP_HZ):
         error, power = 0.0, 0.0
         for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY)):
             basis = _sinusoid(times_s, factor * frequency_hz)
@@ -380,13 +447,16 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
 def _tremor(head_x_rad: FloatArray) -> tuple[float, float]:
     """Returns amplitude in degrees and frequency of the strongest tremor in angles (T,), 100 a second.
 
-    The spectrum is estimated by Welch's method.
+    The spectrum is estimated by Welch's method. The amplitude is corrected for angles that are held between frames.
     """
     window = min(2 * round(1.0 / PHYSICS_STEP_S), len(head_x_rad))
     frequency_hz, power = signal.welch(
-        head_x_rad, 1.0 / PHYSICS_STEP_S, nperseg=window, nfft=1000, scaling="spectrum"
+        head_x_rad, 1.0 / PHYSICS_STEP_S, nperseg=window, nfft=8192, scaling="spectrum"
     )
     (band,) = np.nonzero((frequency_hz >= TREMOR_HZ[0]) & (frequency_hz <= TREMOR_HZ[1]))
     peak = band[power[band].argmax()]
     excess = max(float(power[peak] - np.median(power[band])), 0.0)
-    return float(np.degrees(np.sqrt(2.0 * excess))), float(frequency_hz[peak])
+    changes = np.flatnonzero(np.diff(head_x_rad))
+    held_s = PHYSICS_STEP_S * float(np.median(np.diff(changes))) if len(changes) > 1 else PHYSICS_STEP_S
+    passed = np.sinc(frequency_hz[peak] * held_s)
+    return float(np.degrees(np.sqrt(2.0 * excess)) / passed), float(frequency_hz[peak])

@@ -5,8 +5,13 @@ estimate of Paule and Mandel (J. Res. Natl. Bur. Stand. 87:377, 1982): the τ² 
 
     Σ (x_i - μ)² / (τ² + s_i²) = n - 1,  μ = Σ x_i / (τ² + s_i²) / Σ 1 / (τ² + s_i²).
 
-The posterior distribution of θ_i is normal. With B_i = s_i² / (s_i² + τ²), its mean is x_i + B_i (μ - x_i), and its
-variance is (1 - B_i) s_i² + B_i² var(μ) (Morris, J. Am. Stat. Assoc. 78:47, 1983).
+The posterior distribution of θ_i is approximated by a normal distribution with mean x_i + B_i (μ - x_i) and variance
+
+    (1 - B_i) s_i² + B_i² var(μ) + 2 / (n - 3) B_i² (x_i - μ)² (mean(s²) + τ²) / (s_i² + τ²),
+    B_i = (n - 3) / (n - 1) s_i² / (s_i² + τ²).
+
+The factor of B_i and the last term account for the uncertainty of τ² (Morris, J. Am. Stat. Assoc. 78:47, 1983).
+Estimates of three or fewer participants are not shrunk.
 """
 
 from typing import NamedTuple
@@ -41,6 +46,10 @@ def shrink(estimates: FloatArray, variances: FloatArray) -> Shrunken:
     most = float(np.ptp(estimates)) ** 2 + 1e-9
     between = float(optimize.brentq(excess, 0.0, most)) if excess(0.0) > 0.0 else 0.0
     weights, mean = weighted(between)
-    share = variances / (variances + between)
+    count = len(estimates)
+    share = max(count - 3, 0) / (count - 1) * variances * weights
     posterior = (1.0 - share) * variances + share**2 / weights.sum()
+    if count > 3:
+        unequal = (variances.mean() + between) * weights
+        posterior = posterior + 2.0 / (count - 3) * share**2 * (estimates - mean) ** 2 * unequal
     return Shrunken(estimates + share * (mean - estimates), np.sqrt(posterior), mean, float(np.sqrt(between)))
