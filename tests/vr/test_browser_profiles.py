@@ -65,7 +65,7 @@ class Participation:
                 self.lie_back()
             elif buttons and question and buttons[0]["item"] == question["item"]:
                 self.answer(question)
-            elif buttons and not question:
+            elif buttons and not question and phase != "questionnaire":
                 self.go_on(phase)
             self.journey.headset.wait_for_frames(3)
 

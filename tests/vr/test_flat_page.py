@@ -146,6 +146,7 @@ class PageChooser:
                 self._press("Enter")
                 return
             self._press("Space" if steps else "Tab")
+            page.evaluate(NEXT_FRAMES)
 
     def _press(self, key: str) -> None:
         self._page.keyboard.press(key)
@@ -153,6 +154,8 @@ class PageChooser:
 
 
 SETTLING_MS = 600.0
+NEXT_FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+"""Waits until the page has drawn the new highlight."""
 MOST_STEPS = 40
 LABEL_OF_HIGHLIGHTED = "document.querySelector('.highlighted')?.textContent.trim()"
 LABEL_OF_FOCUSED = "document.activeElement.textContent.trim()"
