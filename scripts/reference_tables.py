@@ -19,7 +19,7 @@ from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import INTERVENTION_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, sizes
+from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, observation_and_action_size
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "avrgym"
@@ -62,7 +62,7 @@ def environments() -> Lines:
     """The environments with their sizes and packaged policies."""
     rows = []
     for name in ENVIRONMENTS:
-        observation_size, action_size = sizes(name)
+        observation_size, action_size = observation_and_action_size(name)
         kinds = ", ".join(kind for kind in KINDS if kind in packaged_policies(name))
         rows.append((f"`{name}`", str(action_size), str(observation_size), kinds))
     return table(("environment", "action", "observation", "packaged policies"), rows)

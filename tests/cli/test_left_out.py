@@ -119,7 +119,10 @@ def test_no_environment_left_is_an_error(
     monkeypatch.setattr(registry, "ENVIRONMENTS", {EXTENSION: ("Stir", "Jaco")})
     refused = avrgym("evaluate", "--all", "--policy", "oracle", *BRIEF)
     assert refused.exit_code == 1
-    assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was skipped"
+    assert (
+        refused.stderr.splitlines()[-1]
+        == "avrgym: no environment was evaluated: all were skipped; see the reported errors"
+    )
 
 
 @pytest.mark.parametrize("what", ["sim", "vr"])

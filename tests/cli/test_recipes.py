@@ -14,7 +14,7 @@ from avrgym.learning.configuration import (
     AnyConfiguration,
     FeedforwardConfiguration,
     RecurrentConfiguration,
-    stored_configuration,
+    read_configuration,
 )
 from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT
 from avrgym.policies.trained import Policy
@@ -75,7 +75,7 @@ def test_the_papers_recipe_uses_only_ppo(tmp_path: Path, monkeypatch: pytest.Mon
         assert result.exit_code == 0, result.stderr
         out = tmp_path / "runs" / "FeedingJaco-v1-revised-paper-0"
         assert Policy.load(out / "policy.safetensors").metadata.steps == steps
-        made = stored_configuration(out)
+        made = read_configuration(out)
         assert isinstance(made, FeedforwardConfiguration)
         assert made.imitation_steps == 0
         assert made.net_arch == (64, 64)
@@ -110,7 +110,7 @@ def test_the_adaptive_recipe_trains_a_recurrent_policy(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
-    monkeypatch.setattr(recurrent_recipe, "RECURRENT", replace(RECURRENT, last_gradient_steps=1))
+    monkeypatch.setattr(recurrent_recipe, "RECURRENT", replace(RECURRENT, final_round_gradient_steps=1))
     result = train("--recipe", "adaptive", "--steps", "200", "--num-envs", "1")
     assert result.exit_code == 0, result.stderr
     out = tmp_path / "runs" / "FeedingJaco-v1-adaptive-0"

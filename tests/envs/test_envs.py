@@ -92,7 +92,7 @@ def test_an_episode_is_cut_after_20_seconds_and_has_no_201st_step(make):
     ends = [env.step(still)[2:4] for _ in range(EPISODE_STEPS)]
     assert ends == [(False, False)] * (EPISODE_STEPS - 1) + [(False, True)]
     before = env.unwrapped.episodes.simulation.integration_state()
-    with pytest.raises(ResetNeeded, match=r"call reset\(\) to start one of 200 steps"):
+    with pytest.raises(ResetNeeded, match=r"call reset\(\) to start an episode of 200 steps"):
         env.step(still)
     assert_array_equal(env.unwrapped.episodes.simulation.integration_state(), before)
     env.reset()

@@ -158,5 +158,5 @@ def test_robot_and_human_have_a_guard_too() -> None:
 
 
 def test_worlds_on_a_device_reject_it() -> None:
-    with pytest.raises(ValueError, match="force_guard reads forces on the host"):
+    with pytest.raises(ValueError, match="force_guard is not possible on a device"):
         Episodes(FEEDING, 1, force_guard=True, engine="warp:cpu", on_device=True)

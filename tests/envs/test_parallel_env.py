@@ -127,8 +127,11 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
     [
         ({HUMAN: np.full(6, np.nan)}, "human: .* is nan; allowed: finite numbers of shape"),
         ({ROBOT: np.full(7, np.inf)}, "robot: .* is inf"),
-        ({HUMAN: np.zeros(7)}, r"human: actions of shape \(7,\); allowed: finite numbers of shape \(6,\)"),
-        ({HUMAN: "up"}, "human: str is not an array of numbers"),
+        (
+            {HUMAN: np.zeros(7)},
+            r"human: actions have the shape \(7,\); allowed: finite numbers of shape \(6,\)",
+        ),
+        ({HUMAN: "up"}, "human: actions are of type str"),
         (
             {"nurse": np.zeros(7)},
             "actions of robot, human, nurse; allowed: one action for each agent: robot, human",

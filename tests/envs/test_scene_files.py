@@ -115,7 +115,7 @@ def test_the_command_overwrites_nothing_and_names_what_is_missing(
 ) -> None:
     run = CliRunner().invoke
     said = run(app, ["export", "scene", CHAIR, str(tmp_path)])
-    assert (said.exit_code, "exists; scenes go into a new folder" in said.output) == (1, True)
+    assert (said.exit_code, "already exists; choose a new folder" in said.output) == (1, True)
     monkeypatch.setattr("avrgym.cli.export.find_spec", lambda _: None)
     said = run(app, ["export", "scene", CHAIR, str(tmp_path / "new"), "--usd"])
     assert (said.exit_code, "pip install avrgym[usd]" in said.output) == (1, True)

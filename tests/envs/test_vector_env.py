@@ -133,7 +133,7 @@ def test_the_first_reset_is_for_all_worlds():
     env = AssistiveVectorEnv(FEEDING, 3, num_threads=1)
     with pytest.raises(ResetNeeded, match=r"call reset\(\) first"):
         env.step(STILL)
-    with pytest.raises(ResetNeeded, match="the first reset must include all worlds"):
+    with pytest.raises(ResetNeeded, match="the first reset does not include all worlds"):
         env.reset(options={"reset_mask": np.array([True, False, True])})
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.learning.cross_play import cross_play, matrix
+from avrgym.learning.cross_play import cross_play, success_table
 from avrgym.learning.evaluation import evaluate_all
 from helpers.vr.visit import ENVIRONMENT
 
@@ -20,7 +20,7 @@ def test_cross_play_equals_single_evaluations() -> None:
     assert rows[3] == alone
     assert {row.impairment for row in rows} == {"weakness"}
     assert sum(steps) == 4 * 200
-    table = matrix(rows)
+    table = success_table(rows)
     assert [[*line] for line in table] == [["env", "policy", *PEOPLE]] * 2
     assert table[0] == {"env": ENVIRONMENT, "policy": "zero"} | dict.fromkeys(PEOPLE, "0% [0, 79]")
 

@@ -29,7 +29,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, observation_and_action_size
 from helpers.learning.random_networks import random_network, save_network
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -91,7 +91,7 @@ def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
     view, joints = human_view_of(SCRATCHING)
     assert (human.observation_size, human.action_size) == (view.size, joints)
-    assert (robot.observation_size, robot.action_size) == sizes(SCRATCHING)
+    assert (robot.observation_size, robot.action_size) == observation_and_action_size(SCRATCHING)
     assert robot.metadata.human is None
     assert robot.metadata.people == "zoo/train, trained together"
     assert human.metadata.human == HumanRole(partner=robot.digest)
@@ -385,7 +385,8 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     (tmp_path / "empty").mkdir()
     evaluation = "evaluate", SCRATCHING, "--episodes", 1, "--people"
     assert_refused(
-        run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
+        run("evaluate", FEEDING, "--people", human),
+        f"this human was trained for {SCRATCHING}; allowed for {FEEDING}",
     )
     assert_refused(
         run(*evaluation, robot),
@@ -397,8 +398,10 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
     assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
     assert_refused(run(*evaluation, tmp_path / "empty"), "contains no trained human; allowed: a folder of")
-    assert_refused(run("train", FEEDING, "--people", human, "--out", tmp_path / "no"), "a human trained for")
-    assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "a human trained for")
+    assert_refused(
+        run("train", FEEDING, "--people", human, "--out", tmp_path / "no"), "this human was trained for"
+    )
+    assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "this human was trained for")
     assert_refused(
         run("train", SCRATCHING, "--recipe", "pair", "--people", human, "--out", tmp_path / "no"),
         "is a trained human, but `--recipe pair` trains a new one",

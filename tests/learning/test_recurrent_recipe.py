@@ -13,7 +13,7 @@ import torch
 
 from avrgym.learning import configuration as configurations
 from avrgym.learning import recurrent_recipe, training
-from avrgym.learning.configuration import RecurrentConfiguration, stored_configuration
+from avrgym.learning.configuration import RecurrentConfiguration, read_configuration
 from avrgym.learning.hyperparameters import RECURRENT
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.recurrent_network import RecurrentNetwork
@@ -26,7 +26,7 @@ from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, sizes
+from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -51,7 +51,7 @@ class Interrupted(Exception):
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
-    short = replace(RECURRENT, gradient_steps=3, last_gradient_steps=3, critic_updates=1)
+    short = replace(RECURRENT, gradient_steps=3, final_round_gradient_steps=3, critic_updates=1)
     for module in (configurations, recurrent_recipe):
         monkeypatch.setattr(module, "RECURRENT", short)
 
@@ -155,14 +155,14 @@ def test_a_complete_training_continues_with_more_steps(tmp_path):
     train(replace(TINY, steps=400, imitation_share=0.5), out)
     before = tensors(out)
     policy = resume(out, steps=800)
-    assert policy.metadata.steps == stored_configuration(out).steps == 800
-    assert stored_configuration(out).imitation_updates == 1
+    assert policy.metadata.steps == read_configuration(out).steps == 800
+    assert read_configuration(out).imitation_updates == 1
     assert tensors(out) != before
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_policy_in_numpy_equals_the_network_in_torch(environment):
-    observation_size, action_size = sizes(environment)
+    observation_size, action_size = observation_and_action_size(environment)
     torch.manual_seed(1)
     network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
     normaliser = Normaliser(observation_of(environment), 0.99)

@@ -19,7 +19,7 @@ import torch
 
 from avrgym.cli.main import app
 from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration, stored_configuration
+from avrgym.learning.configuration import FeedforwardConfiguration, read_configuration
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.ppo import Agent, export_policy, freeze_actor, make_ppo, set_log_std, update_on_host
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
@@ -29,7 +29,7 @@ from avrgym.policies.actors import DeviceActor
 from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
 from avrgym.simulation.engines import warp
 from avrgym.system.transferred_files import TransferredFile
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS, STEPS = 2, 12
@@ -102,7 +102,7 @@ def test_a_policy_acts_equally_on_device_and_host(rng: np.random.Generator) -> N
 
 def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]:
     """Normalised observations, actions and rewards of some update."""
-    observation, action = sizes(SCRATCHING)
+    observation, action = observation_and_action_size(SCRATCHING)
     return (
         torch.as_tensor(rng.normal(size=(STEPS + 1, worlds, observation)), dtype=torch.float32),
         torch.as_tensor(rng.normal(size=(STEPS, worlds, action)), dtype=torch.float32),
@@ -128,7 +128,7 @@ def test_both_implementations_of_ppo_give_the_same_update(
     networks: list[dict[str, torch.Tensor]] = []
     before: dict[str, torch.Tensor] = {}
     for update in (update_on_host, DevicePPO(how)):
-        model = make_ppo(how, *sizes(SCRATCHING), tmp_path)
+        model = make_ppo(how, *observation_and_action_size(SCRATCHING), tmp_path)
         model.set_logger(ppo_logger())
         model.num_timesteps, model.max_grad_norm = worlds * STEPS, 1e9
         before = {name: value.clone() for name, value in model.policy.state_dict().items()}
@@ -151,7 +151,7 @@ def ppo_logger():
 
 
 def test_the_exported_policy_equals_the_network(rng: np.random.Generator, tmp_path: Path) -> None:
-    model = make_ppo(TINY, *sizes(SCRATCHING), tmp_path)
+    model = make_ppo(TINY, *observation_and_action_size(SCRATCHING), tmp_path)
     model.set_logger(ppo_logger())
     normaliser = Normaliser(observation_of(SCRATCHING), TINY.gamma)
     observations, actions, rewards = seen_and_done(rng, WORLDS)
@@ -229,7 +229,7 @@ def test_a_training_on_the_device_is_complete_and_resumes(
     assert policy.metadata.steps == TINY.steps
     assert policy.action_std == pytest.approx(np.exp(TINY.log_std[1]))
     assert set(policy.metadata.measured) >= {"success_rate", "reward_mean"}
-    assert stored_configuration(tmp_path / "whole") == TINY
+    assert read_configuration(tmp_path / "whole") == TINY
     assert list((tmp_path / "whole" / "tensorboard").rglob("events.out.tfevents.*"))
 
     trained(TINY, tmp_path / "cut", kill_after=3)

@@ -17,7 +17,12 @@ import torch
 from avrgym.cli.main import app
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import recurrent_recipe, training
-from avrgym.learning.configuration import FeedforwardConfiguration, Pairing, RecurrentConfiguration, store
+from avrgym.learning.configuration import (
+    FeedforwardConfiguration,
+    Pairing,
+    RecurrentConfiguration,
+    write_configuration,
+)
 from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
 from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
 from avrgym.learning.normaliser import Normaliser, observation_of
@@ -27,8 +32,8 @@ from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
     Progress,
     configuration_for,
+    read_configuration,
     resume,
-    stored_configuration,
     train,
     with_metadata,
 )
@@ -254,7 +259,8 @@ def test_a_training_can_consist_of_imitation_only(tmp_path, monkeypatch):
     assert policy.metadata.measured["episodes"] == 2
     assert policy.action_std == pytest.approx(np.exp(TINY.log_std[0]))
     with pytest.raises(
-        ValueError, match=f"is complete after {TINY.steps} steps; pass larger --steps to continue it"
+        ValueError,
+        match=f"is complete after {TINY.steps} steps; set --steps to a larger number to continue it",
     ):
         resume(tmp_path)
 
@@ -264,12 +270,14 @@ def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monk
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     first, out = trained
     longer = Path(shutil.copytree(out, tmp_path / "longer"))
-    with pytest.raises(ValueError, match=f"is complete up to step {TINY.steps}; --steps must be larger"):
+    with pytest.raises(
+        ValueError, match=f"has completed {TINY.steps} steps; allowed for --steps: a larger number"
+    ):
         resume(longer, steps=TINY.steps - 1)
     policy = resume(longer, steps=TINY.steps + 1)
     assert policy.metadata.steps == 3 * UPDATE
     assert policy.metadata.curve[:2] == first.metadata.curve
-    assert stored_configuration(longer) == replace(TINY, steps=TINY.steps + 1, imitation_share=1.0)
+    assert read_configuration(longer) == replace(TINY, steps=TINY.steps + 1, imitation_share=1.0)
     with pytest.raises(ValueError, match=f"is complete after {3 * UPDATE} steps"):
         resume(longer)
 
@@ -337,7 +345,7 @@ def test_only_an_interrupted_training_resumes(trained, tmp_path):
     _, out = trained
     with pytest.raises(ValueError, match=f"is complete after {TINY.steps} steps"):
         resume(out)
-    with pytest.raises(ValueError, match="contains no training to resume"):
+    with pytest.raises(ValueError, match="contains no training"):
         resume(tmp_path)
     (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
     (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
@@ -354,27 +362,27 @@ def test_an_unknown_environment_writes_nothing(tmp_path):
 @pytest.mark.slow
 def test_a_training_of_an_earlier_version_resumes(tmp_path):
     folder = Path(shutil.copytree(DATA / "training-of-0.2.0", tmp_path / "training"))
-    before = stored_configuration(folder)
+    before = read_configuration(folder)
     resume(folder, steps=before.steps + before.update_steps)
-    assert stored_configuration(folder).steps == before.steps + before.update_steps
+    assert read_configuration(folder).steps == before.steps + before.update_steps
 
 
 def test_people_of_an_earlier_training_move_as_before(tmp_path):
     for configuration, before in ((TINY, "zoo/train@1"), (LONG, "revised")):
-        store(configuration, tmp_path)
-        assert stored_configuration(tmp_path) == configuration
+        write_configuration(configuration, tmp_path)
+        assert read_configuration(tmp_path) == configuration
         path = tmp_path / "configuration.json"
         values = json.loads(path.read_text())
         del values["motion_version"]
         path.write_text(json.dumps(values))
-        assert stored_configuration(tmp_path).people == before
+        assert read_configuration(tmp_path).people == before
 
 
 @pytest.mark.parametrize("stored", [{}, {"learning_version": 1}, {"learning_version": 3}])
 def test_a_training_of_another_algorithm_is_refused(stored, tmp_path):
     (tmp_path / "configuration.json").write_text(json.dumps({"environment": FEEDING, **stored}))
     with pytest.raises(ValueError, match=r"learning version (None|1|3); allowed: 2"):
-        stored_configuration(tmp_path)
+        read_configuration(tmp_path)
 
 
 @pytest.mark.slow
@@ -467,7 +475,7 @@ def test_too_many_worlds_for_the_memory_are_refused(tmp_path):
 def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     monkeypatch.setattr(
-        recurrent_recipe, "RECURRENT", replace(RECURRENT, gradient_steps=1, last_gradient_steps=1)
+        recurrent_recipe, "RECURRENT", replace(RECURRENT, gradient_steps=1, final_round_gradient_steps=1)
     )
     guards = []
 
@@ -486,7 +494,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
     policy = resume(tmp_path)
     assert len(guards) >= 2
     assert all(guard is not None for guard in guards)
-    assert stored_configuration(tmp_path).force_guard
+    assert read_configuration(tmp_path).force_guard
     assert Policy.load(tmp_path / "policy.safetensors").metadata.force_guard
     assert "guard_interventions" in policy.metadata.measured
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.learning import configuration, training, visual_recipe
-from avrgym.learning.configuration import VisualConfiguration, stored_configuration
+from avrgym.learning.configuration import VisualConfiguration, read_configuration
 from avrgym.learning.hyperparameters import VISUAL
 from avrgym.policies.trained import load_policy
 from avrgym.tasks.camera_images import graphics_error
@@ -18,7 +18,7 @@ SMALL = VisualConfiguration(environment=FEEDING, steps=16, num_envs=4, seed=3)
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(VISUAL, episode_steps=2, gradient_steps=3, last_gradient_steps=3, batch_size=4)
+    short = replace(VISUAL, episode_steps=2, gradient_steps=3, final_round_gradient_steps=3, batch_size=4)
     for module in (visual_recipe, configuration):
         monkeypatch.setattr(module, "VISUAL", short)
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
@@ -35,7 +35,7 @@ def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path)
     whole = training.train(SMALL, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         training.train(SMALL, tmp_path / "parts", stop)
-    assert stored_configuration(tmp_path / "parts") == SMALL
+    assert read_configuration(tmp_path / "parts") == SMALL
     resumed = training.resume(tmp_path / "parts")
     assert resumed.digest == whole.digest
     assert resumed.metadata.camera == SMALL.camera
@@ -51,7 +51,7 @@ def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path)
         ({"teacher": "oracle"}, "'oracle' cannot be a teacher of vision; allowed: a feed-forward policy"),
         ({"teacher": "adaptive"}, "'adaptive' cannot be a teacher of vision"),
         ({"camera": "head"}, "unknown camera 'head'; Jaco has wrist, scene"),
-        ({"camera": "wrist:64x64:segmentation"}, "allowed kinds for a policy: rgb, depth"),
+        ({"camera": "wrist:64x64:segmentation"}, "allowed kinds of images: rgb, depth"),
     ],
 )
 def test_an_unsuitable_teacher_or_camera_is_refused(tmp_path: Path, changes: dict[str, str], message: str):

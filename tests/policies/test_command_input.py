@@ -17,7 +17,7 @@ from avrgym.policies.registry import find
 from avrgym.policies.trained import PolicyError
 from avrgym.safety.pacing import COMMAND_INPUT, NO_COMMAND
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
@@ -44,7 +44,7 @@ def episodes(*, pacing: bool) -> Episodes:
 
 def save_network(path: Path, size: int) -> None:
     """Save a network whose first action is the entry ``ready`` of its input ``command``."""
-    observations, actions = sizes(ENVIRONMENT)
+    observations, actions = observation_and_action_size(ENVIRONMENT)
     weight = np.zeros((size, actions))
     weight[COMMAND_INPUT.index("ready"), 0] = 1.0
     nodes = [
@@ -100,4 +100,4 @@ def test_an_input_of_another_size_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "wrong.onnx"
     save_network(path, len(COMMAND_INPUT) + 1)
     with pytest.raises(PolicyError, match=rf"takes one command .* \({len(COMMAND_INPUT)},\)"):
-        find_onnx(path, ENVIRONMENT, *sizes(ENVIRONMENT))
+        find_onnx(path, ENVIRONMENT, *observation_and_action_size(ENVIRONMENT))

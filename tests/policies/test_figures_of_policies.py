@@ -11,11 +11,13 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.paths import ROOT
 
 MEASURING = runpy.run_path(str(ROOT / "research" / "measure_policies.py"))
-PACKAGED = [(environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)]
+PACKAGED_FOLDER = [
+    (environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)
+]
 
 
 @pytest.mark.fast_cases(2)
-@pytest.mark.parametrize(("environment", "kind"), PACKAGED)
+@pytest.mark.parametrize(("environment", "kind"), PACKAGED_FOLDER)
 def test_the_first_episodes_return(environment: str, kind: str) -> None:
     """The same bits where the C library rounds as where they were measured, and nearly the same elsewhere."""
     metadata = Policy.load(packaged_policies(environment)[kind]).metadata

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.policies.onnx import onnx_model
+from avrgym.policies.onnx import make_onnx_model
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
@@ -24,7 +24,7 @@ def test_onnx_export_of_every_policy_without_memory_acts_equally(environment: st
     assert len(without) == 2
     for policy in without:
         session = onnxruntime.InferenceSession(
-            onnx_model(policy).SerializeToString(), providers=["CPUExecutionProvider"]
+            make_onnx_model(policy).SerializeToString(), providers=["CPUExecutionProvider"]
         )
         spread = np.sqrt(policy.observation_variance)
         seen = np.random.default_rng(0).normal(

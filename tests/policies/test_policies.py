@@ -206,7 +206,7 @@ WRONG_TENSORS = {
     "several clips": ({"observation.clip": np.ones(2)}, "observation.clip has the shape .*allowed: 1"),
     "not a number": (
         {"actor.2.bias": np.full(7, np.nan)},
-        "actor.2.bias contains numbers that are not finite",
+        "actor.2.bias contains NaN or infinity",
     ),
     "infinity": ({"observation.epsilon": np.array([np.inf])}, "not finite"),
     "a negative variance": ({"observation.variance": np.full(25, -1.0)}, "0 and above"),
@@ -342,7 +342,9 @@ def test_numbers_whose_sums_overflow_are_refused():
         assert np.isfinite(large.act(observations, [np.random.default_rng(i) for i in range(2)])).all()
 
 
-@pytest.mark.parametrize("path", sorted(trained.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(trained.PACKAGED_FOLDER.glob("*.safetensors")), ids=lambda path: path.stem
+)
 def test_packaged_policies_name_environment_and_people(path):
     scene, kind = path.stem.split("-")
     assert find_policy(kind, f"avrgym/{scene}-v1") == path

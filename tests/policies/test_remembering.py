@@ -122,7 +122,7 @@ def test_mean_refuses_a_recurrent_policy():
         make_policy().mean(np.zeros((1, SEEN)))
     onnx_export = pytest.importorskip("avrgym.policies.onnx", reason="ONNX is an extra")
     with pytest.raises(PolicyError, match="ONNX"):
-        onnx_export.onnx_model(make_policy())
+        onnx_export.make_onnx_model(make_policy())
 
 
 def test_numbers_too_large_are_refused():

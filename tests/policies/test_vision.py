@@ -75,7 +75,7 @@ def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Polic
     rows, image = observed
     again, expected = (each.step(rows, np.zeros((4, 0)), image)[0] for each in (read, policy))
     assert_array_equal(again, expected)
-    with pytest.raises(PolicyError, match=f"this policy needs images of the camera {CAMERA}"):
+    with pytest.raises(PolicyError, match=f"pass images of the camera {CAMERA}"):
         read.step(rows, np.zeros((4, 0)))
 
 
@@ -145,7 +145,9 @@ def test_a_controller_with_an_unknown_camera_is_refused(tmp_path: Path, monkeypa
     code = "class Odd:\n cameras = ['eye']\n def reset(self, seed, environment): pass\n def act(self, seen): pass\n"
     (tmp_path / "odd_cameras.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(PolicyError, match=r"cannot drive in .*: unknown camera 'eye'; Jaco has wrist, scene"):
+    with pytest.raises(
+        PolicyError, match=r"cannot be used in .*: unknown camera 'eye' of robot Jaco; allowed: wrist, scene"
+    ):
         registry.find("odd_cameras:Odd", FEEDING)
 
 

@@ -140,5 +140,5 @@ def test_a_new_episode_is_driven_by_its_policy() -> None:
 
 
 def test_other_engines_refuse_it() -> None:
-    with pytest.raises(ValueError, match="withdraw_after_success needs the engine threads, not warp:cpu"):
+    with pytest.raises(ValueError, match="withdraw_after_success is not possible with engine 'warp:cpu'"):
         reset_episodes(FEEDING, withdraws=True, engine="warp:cpu")

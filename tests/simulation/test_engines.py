@@ -220,7 +220,9 @@ def test_actions_on_the_device_are_tensors_there_and_finite(there: Episodes) -> 
             there.step(wrong)
     there.step(tensor(np.array([[np.nan] * 7, [0.0] * 7])))
     assert np.isfinite(there.simulation.qpos(0)).all()
-    with pytest.raises(ValueError, match=r"actions in 1 worlds were not finite; allowed: finite numbers"):
+    with pytest.raises(
+        ValueError, match=r"actions in 1 worlds contain NaN or infinity; allowed: finite numbers"
+    ):
         there.check()
     there.check()
 

@@ -86,9 +86,12 @@ def test_broken_tasks_are_named_and_skipped(installed):
         ("avrgym/NoSceneJaco-v1", "no scene yet"),
         (
             "NoScene = unfinished:NO_SCENE (unfinished 1.0)",
-            "no robot has the arm, mount and grip for task NoScene",
+            "task NoScene: no robot has the required arm, mount and grip",
         ),
-        ("Twice = unfinished:TWICE (unfinished 1.0)", "a task named TouchElbow is already registered"),
+        (
+            "Twice = unfinished:TWICE (unfinished 1.0)",
+            "a task with the name TouchElbow is already registered",
+        ),
     ):
         assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said
 

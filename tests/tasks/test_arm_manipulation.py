@@ -16,7 +16,7 @@ from avrgym.tasks.arm_manipulation.reward import RESTING_M, RESTING_X_M, SUCCESS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
-from avrgym.tasks.task import joint_shares
+from avrgym.tasks.task import joint_strength_shares
 
 TASK = TASKS["ArmManipulation"]
 LENGTH_M = 0.28
@@ -81,7 +81,7 @@ def test_success_takes_one_second_and_remains():
 def test_only_the_right_arm_is_limp():
     episodes = reset_episodes("Jaco", 1)
     assert TASK.strength_share is not None
-    shares = joint_shares(TASK.strength_share)
+    shares = joint_strength_shares(TASK.strength_share)
     limp = np.array([name.startswith("right_") for name in human.JOINTS])
     assert (shares[limp] <= 0.03).all()
     assert (shares[~limp] == 1.0).all()

@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.simulation.worlds import State
 from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_M, around_arm_m, around_limb_m
 from avrgym.tasks.scratch_itch.expert import ROD
-from avrgym.tasks.scratch_itch.feedback_expert import turn_rad
+from avrgym.tasks.scratch_itch.feedback_expert import hand_rotation_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
 from helpers.simulation.worlds import resting_state
 
@@ -103,7 +103,7 @@ def test_the_hand_has_a_way_to_go_until_it_is_where_it_has_room(places, rng):
     tool, itch = places
     tool_q_w = transforms.normalize(rng.normal(size=(500, 4)))
     out_w = transforms.rotate(LIMB_Q_W, itch * [1.0, 1.0, 0.0] / RADIUS_M)
-    turn = turn_rad(transforms.rotate(tool_q_w, ROD), out_w)
+    turn = hand_rotation_rad(transforms.rotate(tool_q_w, ROD), out_w)
     hand_m = around_arm_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
     assert_allclose(hand_m, TIP_TO_HAND_M * np.linalg.norm(turn, axis=-1))
     there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_q_w)

@@ -11,16 +11,16 @@ from avrgym.models.sleeve import GOWN, RINGS, VERTICES_PER_RING
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
+    ARM_POINTS,
     FOREARM_GEOM,
     HAND_GEOM,
-    PLACES,
     SHOULDER_REACH_M,
     UPPER_ARM_GEOM,
     arm_path,
     evaluate_step,
     init_state,
-    opening_on_arm,
-    winds_around,
+    is_around,
+    locate_opening,
 )
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -47,7 +47,7 @@ def state(opening_w: np.ndarray, turn: int = 1) -> State:
 
 def dressed_m(opening_w: np.ndarray) -> float:
     seen = state(opening_w)
-    opening = opening_on_arm(seen, arm_path(seen))
+    opening = locate_opening(seen, arm_path(seen))
     return float(opening.along_m[0]) if opening.around[0] else 0.0
 
 
@@ -55,9 +55,9 @@ def dressed_m(opening_w: np.ndarray) -> float:
 def test_a_rim_winds_around_what_goes_through_it(turn: int) -> None:
     inside, beside, along = np.zeros((1, 3)), np.array([[0.2, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
     rim = RIM[None, ::turn]
-    assert winds_around(rim, inside, along)[0]
-    assert not winds_around(rim, beside, along)[0]
-    assert not winds_around(rim, inside, np.array([[1.0, 0.0, 0.0]]))[0]
+    assert is_around(rim, inside, along)[0]
+    assert not is_around(rim, beside, along)[0]
+    assert not is_around(rim, inside, np.array([[1.0, 0.0, 0.0]]))[0]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.35, 0.6, 0.95])
@@ -81,7 +81,7 @@ def test_each_place_counts_once_and_success_stays() -> None:
         events.append(int(result.events[0]))
         newly += float(result.terms["newly_dressed_m"][0])
     assert events == [0, 0, 1, 0, 1, 1, 0, 0]
-    assert sum(events) == len(PLACES)
+    assert sum(events) == len(ARM_POINTS)
     assert result.success.all()
     assert_allclose(newly, 0.65 - SHOULDER_REACH_M + 0.01)
 
@@ -146,7 +146,7 @@ def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
     inside = np.clip(ahead, 0.0, path.length_m)
     foot = path.begin_w + inside[..., None] * path.along_w
     row, section = np.arange(len(rim)), np.linalg.norm(rim.mean(axis=1)[:, None] - foot, axis=-1).argmin(-1)
-    return winds_around(rim, foot[row, section], path.along_w[row, section])
+    return is_around(rim, foot[row, section], path.along_w[row, section])
 
 
 def test_forces_of_the_cloth_are_those_of_all_less_those_of_the_robot() -> None:

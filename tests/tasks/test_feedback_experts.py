@@ -83,7 +83,7 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
     arrived = np.zeros(300, dtype=bool)
     for _ in range(100):
         arrived |= norm(tip - itch) < 0.03
-        step = feedback_expert.around(tip, task_state) - tip
+        step = feedback_expert.tip_target_around_limb(tip, task_state) - tip
         tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
         assert np.all(arrived | (norm(tip[:, :2]) >= radius))
     assert arrived.all()
@@ -128,10 +128,10 @@ def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
 )
 def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
     rod_w, out_w, front = directions(0), directions(1), np.full(500, in_front)
-    turn = feedback_expert.turn_rad(rod_w, out_w, front)
+    turn = feedback_expert.hand_rotation_rad(rod_w, out_w, front)
     turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
     assert (norm(turn) > 0.1).sum() > 400
-    assert_allclose(feedback_expert.turn_rad(turned_w, out_w, front), 0.0, atol=1e-7)
+    assert_allclose(feedback_expert.hand_rotation_rad(turned_w, out_w, front), 0.0, atol=1e-7)
     beside_rad = np.arccos((-turned_w * feedback_expert.hand(out_w, front)).sum(axis=-1))
     assert np.all(beside_rad <= askew_rad + 1e-7)
 

@@ -51,7 +51,7 @@ def test_a_tool_follows_a_straight_line():
     target, q_w = nearby(planner, (-0.04, 0.0, 0.08), 0.2)
     along = transforms.normalize(target - begin)
     for _ in range(45):
-        episodes.step(planner.action_toward(target, q_w, 0.05, 0.1))
+        episodes.step(planner.action_to_pose(target, q_w, 0.05, 0.1))
         for pos in (planner.pos_w, episodes.simulation.state().tool_pos_w):
             way = pos - begin
             off = way - (way * along).sum(axis=-1, keepdims=True) * along
@@ -67,7 +67,7 @@ def test_a_tool_moves_and_turns_no_faster_than_it_may():
     target, q_w = nearby(planner, (0.1, 0.1, 0.0), 1.0)
     for _ in range(10):
         pos, q = planner.pos_w, planner.q_w
-        episodes.step(planner.action_toward(target, q_w, 0.05, 0.2))
+        episodes.step(planner.action_to_pose(target, q_w, 0.05, 0.2))
         assert np.linalg.norm(planner.pos_w - pos, axis=-1).max() <= CONTROL_STEP_S * 0.05 + 1e-4
         assert transforms.angle_between(planner.q_w, q).max() <= CONTROL_STEP_S * 0.2 + 1e-3
 
@@ -75,10 +75,13 @@ def test_a_tool_moves_and_turns_no_faster_than_it_may():
 def test_actions_are_shares_of_the_joints_speeds(start):
     """However far and fast it should go."""
     planner = MotionPlanner(start)
-    action = planner.action_toward(planner.pos_w + 1.0, planner.q_w, 10.0, 10.0)
+    action = planner.action_to_pose(planner.pos_w + 1.0, planner.q_w, 10.0, 10.0)
     assert np.abs(action).max() <= 1.0 + 1e-12
     far = MotionPlanner(start)
-    assert_allclose(np.abs(far.action_to(far.joint_positions + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
+    assert_allclose(
+        np.abs(far.action_to_joint_positions(far.joint_positions + np.linspace(-3.0, 3.0, 7))).max(axis=-1),
+        1.0,
+    )
 
 
 def test_servo_targets_stay_near_a_blocked_arm(start):
@@ -86,7 +89,7 @@ def test_servo_targets_stay_near_a_blocked_arm(start):
     planner = MotionPlanner(start)
     target, q_w = nearby(planner, (0.0, 0.3, 0.0), 0.0)
     for _ in range(20):
-        planner.action_toward(target, q_w, 0.2, 0.5)
+        planner.action_to_pose(target, q_w, 0.2, 0.5)
     ahead = np.abs(planner.joint_positions - start.simulation.state().joint_positions).max()
     one_step = start.scene.arm.speed_limit.max() * CONTROL_STEP_S
     assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
@@ -98,7 +101,7 @@ def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     target = planner.joint_positions + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
     target = planner.joint_positions_at(planner.pose(target)[0], planner.q_w, target)
     for _ in range(40):
-        episodes.step(planner.action_to(planner.joint_step(target, 0.3, np.radians(10.0))))
+        episodes.step(planner.action_to_joint_positions(planner.joint_step(target, 0.3, np.radians(10.0))))
         z_w = transforms.rotate(planner.q_w, [0.0, 0.0, 1.0])
         assert np.degrees(np.arccos(z_w[:, 2])).max() < 11.0
     assert_allclose(episodes.simulation.state().joint_positions, target, atol=0.01)
@@ -134,8 +137,8 @@ def test_planning_does_not_depend_on_other_worlds(start):
     together, alone = MotionPlanner(start), MotionPlanner(reset_episodes(1, first=2))
     target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
     only = slice(2, 3)
-    actions = together.action_toward(target, q_w, 0.2, 0.8)
-    assert_array_equal(alone.action_toward(target[only], q_w[only], 0.2, 0.8), actions[only])
+    actions = together.action_to_pose(target, q_w, 0.2, 0.8)
+    assert_array_equal(alone.action_to_pose(target[only], q_w[only], 0.2, 0.8), actions[only])
     angles, cost = together.find_joint_positions(target[:, None], q_w[:, None])
     alone_angles, alone_cost = alone.find_joint_positions(target[only, None], q_w[only, None])
     assert_array_equal(alone_angles, angles[only])

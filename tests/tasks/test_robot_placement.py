@@ -71,7 +71,7 @@ def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
     drawn = check_starts(environment)
     print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.most} at most")
     assert drawn.mean <= 1.25
-    assert all(each.most == 1 for _, each in draws_by_body(environment))
+    assert all(each.maximum == 1 for _, each in draws_by_body(environment))
 
 
 @pytest.mark.slow
@@ -83,7 +83,7 @@ def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pyte
         monkeypatch.setitem(registry._REGISTRY.environments, environment, (task, robot.name))
     drawn = placement_check.check_placement(robot.name)
     assert len(drawn) == 4
-    print({environment: (each.mean, each.most) for environment, each in drawn.items()})
+    print({environment: (each.mean, each.maximum) for environment, each in drawn.items()})
 
 
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(

@@ -81,7 +81,7 @@ def test_defaults_are_stored_as_nothing() -> None:
     ("line", "problem"),
     [
         ("control_hz", "allowed: name=value"),
-        ("speed=2", "the settings are control_hz"),
+        ("speed=2", "allowed: control_hz"),
         ("control_hz=fast", "Expected `int`"),
     ],
 )

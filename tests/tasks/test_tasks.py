@@ -83,7 +83,8 @@ def test_observations_have_parts_of_different_names():
 
 def test_terms_are_those_that_have_weights():
     with pytest.raises(
-        ValueError, match=r"Feeding returned the reward terms distance_m; its weights are for distance_m,"
+        ValueError,
+        match=r"Feeding returned the reward terms distance_m; allowed: the names of its weights, distance_m,",
     ):
         FEEDING.reward({"distance_m": np.zeros(1)})
 
@@ -92,7 +93,7 @@ def test_a_name_is_registered_once():
     registry = Registry(ROBOTS)
     registry.add(FEEDING)
     before = dict(registry.environments)
-    with pytest.raises(ValueError, match="a task named Feeding is already registered"):
+    with pytest.raises(ValueError, match="a task with the name Feeding is already registered"):
         registry.add(FEEDING)
     assert (list(registry.tasks), registry.environments) == (["Feeding"], before)
 
@@ -118,7 +119,7 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
     registry = Registry(ROBOTS)
     registry.add(replace(FEEDING, name="Small", scene=by_jaco))
     assert registry.environments == {"avrgym/SmallJaco-v1": ("Small", "Jaco")}
-    with pytest.raises(ValueError, match="no robot has the arm, mount and grip for task Hooked"):
+    with pytest.raises(ValueError, match="task Hooked: no robot has the required arm, mount and grip"):
         registry.add(replace(FEEDING, name="Hooked", scene=by_none))
     assert registry.broken == []
 

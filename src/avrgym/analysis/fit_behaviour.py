@@ -93,7 +93,8 @@ class FittedBehaviour:
     parameters: Mapping[str, Shrunken]
 
     def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
-        """Returns the posterior mean and standard deviation of each participant's parameters, within ``PARAMETER_BOUNDS``."""
+        """Returns the posterior mean and standard deviation of each participant's parameters, within
+        ``PARAMETER_BOUNDS``."""
         return tuple(
             {
                 name: (

@@ -95,14 +95,14 @@ def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
     from avrgym.policies.registry import skipped_plugins
     from avrgym.policies.trained import packaged_policies
-    from avrgym.tasks.registry import ENVIRONMENTS, sizes
+    from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
 
     rows = [
         {
             "env": environment,
             "task": task,
             "robot": robot,
-            "observation_size": sizes(environment)[0],
+            "observation_size": observation_and_action_size(environment)[0],
             "policies": sorted(packaged_policies(environment)),
         }
         for environment, (task, robot) in ENVIRONMENTS.items()
@@ -339,10 +339,10 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
         VisualConfiguration,
-        stored_configuration,
+        read_configuration,
     )
 
-    configuration = stored_configuration(folder)
+    configuration = read_configuration(folder)
     if configuration.environment != env:
         raise ValueError(f"{folder} contains a training of {configuration.environment}, not of {env}")
     recurrent = isinstance(configuration, RecurrentConfiguration)
@@ -477,7 +477,7 @@ def evaluate(
     The table has a row for each environment, policy and population.
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
-    from avrgym.learning.cross_play import matrix
+    from avrgym.learning.cross_play import success_table
     from avrgym.system.random_streams import split_of
     from avrgym.tasks.placement_check import describe_excess_draws
     from avrgym.tasks.settings import parse_settings
@@ -514,7 +514,7 @@ def evaluate(
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:
-            print_table(matrix(metrics))
+            print_table(success_table(metrics))
         else:
             print_table([{name: row[name] for name in row if name not in OMITTED_METRICS} for row in rows])
         if regions:

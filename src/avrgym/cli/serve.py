@@ -23,7 +23,7 @@ from avrgym.cli.options import (
 )
 from avrgym.cli.terminal import print_line, report_errors, warn
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.policies.names import OPERATOR, POLICY_CHOICES, PREFERRED
+from avrgym.policies.names import OPERATOR, POLICY_CHOICES, PREFERRED_POLICIES
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
@@ -63,7 +63,7 @@ def serve(
         str | None,
         typer.Option(
             help=f"The policy that drives the robot: {POLICY_CHOICES}; or {OPERATOR}. By default the first of "
-            f"{', '.join(PREFERRED)} that the environment has."
+            f"{', '.join(PREFERRED_POLICIES)} that the environment has."
         ),
     ] = None,
     body: Annotated[
@@ -334,8 +334,8 @@ def _free_session(
     )
     policies = load_policies(plan)
     for environment, name in policies if policy is None else ():
-        if name != PREFERRED[0]:
-            warn(f"{environment} has no policy {PREFERRED[0]}; its robot is driven by {name}")
+        if name != PREFERRED_POLICIES[0]:
+            warn(f"{environment} has no policy {PREFERRED_POLICIES[0]}; its robot is driven by {name}")
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(
         plan,

@@ -62,7 +62,7 @@ def measure_simulation(
         RuntimeError: if a package that the engine needs is not installed.
     """
     if num_envs < 1:
-        raise ValueError(f"{num_envs} environments; allowed: 1 or more")
+        raise ValueError(f"num_envs is {num_envs}; allowed: 1 or more")
     episodes = Episodes(
         environment_id, num_envs, people="revised", engine=engine, on_device=engine != THREADS
     )

@@ -125,7 +125,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """
         if not self.agents:
             raise ResetNeeded(
-                f"no episode is running; call reset() to start one of {self.max_episode_steps} steps"
+                f"no episode is running; call reset() to start an episode of {self.max_episode_steps} steps"
             )
         robot, human = self._checked(actions)
         self.episodes.command_people(human[None])

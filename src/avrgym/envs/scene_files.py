@@ -59,7 +59,7 @@ def write_scene(episodes: Episodes, out: Path) -> None:
 def check_new_folder(out: Path) -> None:
     """Raises ``FileExistsError`` if the folder exists."""
     if out.exists():
-        raise FileExistsError(f"{out} exists; scenes go into a new folder")
+        raise FileExistsError(f"{out} already exists; choose a new folder")
 
 
 def write_usd(episodes: Episodes, file: Path) -> None:

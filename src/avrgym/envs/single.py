@@ -132,7 +132,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """
         if not self._steps_left:
             raise ResetNeeded(
-                f"no episode is running; call reset() to start one of {self.max_episode_steps} steps"
+                f"no episode is running; call reset() to start an episode of {self.max_episode_steps} steps"
             )
         step = self.episodes.step(validate_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1

@@ -141,7 +141,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """
         world_mask = reset_mask(options, self.num_envs)
         if self._now is None and not world_mask.all():
-            raise ResetNeeded("the first reset must include all worlds")
+            raise ResetNeeded(
+                "reset_mask of the first reset does not include all worlds; call reset() without it"
+            )
         self._random.reseed(seed, world_mask)
         self._ended = self._ended & ~world_mask
         start = self._begin(world_mask)

@@ -48,7 +48,9 @@ class RandomStreams:
         if isinstance(seed, Iterable):
             wanted = [python_seed(each) for each in seed]
             if len(wanted) != count:
-                raise ValueError(f"{len(wanted)} seeds; allowed: one number, or a list of {count}")
+                raise ValueError(
+                    f"seed contains {len(wanted)} seeds; allowed: one number, or a list of {count}"
+                )
             return wanted
         return [int(seed) + i for i in range(count)]
 
@@ -150,7 +152,7 @@ class World:
 
     def __getattr__(self, name: str) -> Any:
         allowed = ", ".join(name for name in dir(self) if not name.startswith("_"))
-        raise AttributeError(f"a world has no attribute {name!r}; it has {allowed}")
+        raise AttributeError(f"unknown attribute {name!r} of a world; allowed: {allowed}")
 
     @property
     def observation_space(self) -> gym.Space[Any]:

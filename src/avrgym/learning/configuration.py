@@ -24,7 +24,7 @@ RECURRENT_FILE = "adaptive.json"
 VISUAL_FILE = "visual.json"
 """The configuration of a training by the recipe ``visual``."""
 PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
-"""Name of the copy of the people file, or of the folder of trained humans, in a training's folder."""
+"""Name of the stored people in a training's folder: of the people file, or of the folder of trained humans."""
 LEARNING_VERSION = 2
 """Version of the training algorithm. A training is resumed only by the version that started it."""
 RENAMED_KEYS = {
@@ -255,7 +255,7 @@ def configuration_for(
     )
 
 
-def store(configuration: AnyConfiguration, out: Path) -> None:
+def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
     """Write a configuration into the folder of its training."""
     files: dict[type, str] = {RecurrentConfiguration: RECURRENT_FILE, VisualConfiguration: VISUAL_FILE}
     path = out / files.get(type(configuration), CONFIGURATION_FILE)
@@ -267,7 +267,7 @@ def contains_training(out: Path) -> bool:
     return any((out / name).exists() for name in (CONFIGURATION_FILE, RECURRENT_FILE, VISUAL_FILE))
 
 
-def stored_configuration(out: Path) -> AnyConfiguration:
+def read_configuration(out: Path) -> AnyConfiguration:
     """Read the configuration of the training in ``out``. Files of version 0.2 are accepted too; people move in them as
     in version 1 of the motion.
 
@@ -275,7 +275,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
         ValueError: if ``out`` contains no training, or a training of another learning version.
     """
     if not contains_training(out):
-        raise ValueError(f"{out} contains no training to resume")
+        raise ValueError(f"{out} contains no training; allowed: the folder of a training")
     kinds = {
         RECURRENT_FILE: RecurrentConfiguration,
         VISUAL_FILE: VisualConfiguration,

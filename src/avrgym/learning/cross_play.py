@@ -105,7 +105,7 @@ def cross_play(
                 found = _rows(run, chosen, f"{policy} and {population}", leave_out)
                 rows += sorted(found, key=lambda row: chosen.index(row.env))
     if not rows:
-        raise ValueError("nothing was evaluated: every environment was skipped")
+        raise ValueError("no environment was evaluated: all were skipped; see the reported errors")
     return rows
 
 
@@ -151,7 +151,7 @@ def _rows(
             leave_out(f"{each} with {label}", error)
 
 
-def matrix(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
+def success_table(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
     """Returns a table of success rates with 95 % intervals: a row per environment and policy, a column per
     population."""
     table: dict[tuple[str, str], dict[str, Any]] = {}

@@ -189,7 +189,7 @@ def evaluate_all(
         ControllerError: if the controller of another package fails.
     """
     if episodes < 1:
-        raise ValueError(f"{episodes} episodes; allowed: 1 or more")
+        raise ValueError(f"episodes is {episodes}; allowed: 1 or more")
     found: list[registry.RobotPolicy] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
@@ -316,7 +316,7 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
 
 
 def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
-    """Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
+    """Returns Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
 
     ``count`` may be an effective sample size. ``quantile`` may be a quantile of Student's t distribution.
     """

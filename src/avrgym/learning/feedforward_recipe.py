@@ -37,7 +37,7 @@ from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.system.files import read_user_text
 from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -78,7 +78,9 @@ def _check_pairing(environment: str, people: str) -> None:
     """Raise ``ValueError`` for a human without actions, or for trained humans."""
     _, joints = human_view_of(environment)
     if not joints:
-        raise ValueError(f"people have no actions in {environment}, so no human can be trained there")
+        raise ValueError(
+            f"people have no actions in {environment}; allowed for `--recipe pair`: tasks in which people move"
+        )
     if is_trained_human(people):
         raise ValueError(
             f"{people} is a trained human, but `--recipe pair` trains a new one; allowed: the name of a population, "
@@ -86,7 +88,7 @@ def _check_pairing(environment: str, people: str) -> None:
         )
 
 
-def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
+def num_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
     """Returns the number of requests among which an update's worlds are divided: a multiple of the number of
     workers."""
     if cluster is None:
@@ -121,7 +123,7 @@ class FeedforwardRecipe:
             )
             for engine in (THREADS, configuration.engine)
         }
-        self._parts = np.array_split(np.arange(configuration.num_envs), parts_of(configuration, cluster))
+        self._parts = np.array_split(np.arange(configuration.num_envs), num_requests(configuration, cluster))
         self._roll_out_parts = _roll_out_here if cluster is None else _roll_out_on(cluster)
         self._policy_update: ppo.PolicyUpdate = ppo.update_on_host
         if configuration.engine != THREADS:
@@ -299,7 +301,9 @@ def _roll_out_on(cluster: "Cluster") -> RollOut:
 
 def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agent]:
     environment = configuration.environment
-    sides: list[tuple[ObservationScales, int]] = [(observation_of(environment), sizes(environment)[1])]
+    sides: list[tuple[ObservationScales, int]] = [
+        (observation_of(environment), observation_and_action_size(environment)[1])
+    ]
     if configuration.pairing is not None:
         sides.append(human_view_of(environment))
     return [ppo.make_agent(configuration, observation, actions, out) for observation, actions in sides]

@@ -144,11 +144,11 @@ class ImitationHyperparameters:
     """
     batch_size: int = 1024
     n_epochs: int = 10
-    last_n_epochs: int = 100
-    """``n_epochs``: epochs of the fit after each round. ``last_n_epochs``: after the last round."""
+    final_round_n_epochs: int = 100
+    """``n_epochs``: epochs of the fit after each round. ``final_round_n_epochs``: after the last round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
-    last_lr_decay: float = 0.01
+    final_round_lr_decay: float = 0.01
     """Final learning rate of a fit, relative to ``learning_rate``: after each round, and after the last round."""
 
 
@@ -169,11 +169,11 @@ class RecurrentHyperparameters:
     imitation_sequences: int = 32
     """Episodes in a minibatch of imitation."""
     gradient_steps: int = 40
-    last_gradient_steps: int = 1500
+    final_round_gradient_steps: int = 1500
     """Number of gradient steps after each round of imitation, and after the last round."""
     imitation_learning_rate: float = 1e-3
     lr_decay: float = 0.3
-    last_lr_decay: float = 0.01
+    final_round_lr_decay: float = 0.01
     """As in ``ImitationHyperparameters``."""
     imitation_max_grad_norm: float = 1.0
 
@@ -204,7 +204,7 @@ class RecurrentHyperparameters:
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     rewarded_force_n: float = 1.5
-    """In PPO, force above this limit (newtons) gives no further reward."""
+    """Force in newtons above which the reward of PPO does not increase further."""
     overload_weight: float = 5.0
     """Reward penalty in PPO for a force equal to a region's transient limit, see ``rollouts.RolloutRequest``."""
 
@@ -223,11 +223,11 @@ class VisualHyperparameters:
     """Weight of the squared error of actions in the loss. The error of the normalised estimates has weight 1."""
     batch_size: int = 128
     gradient_steps: int = 500
-    last_gradient_steps: int = 4000
+    final_round_gradient_steps: int = 4000
     """Number of gradient steps after each round, and after the last round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
-    last_lr_decay: float = 0.01
+    final_round_lr_decay: float = 0.01
     """As in ``ImitationHyperparameters``."""
 
 
@@ -237,7 +237,7 @@ VISUAL = VisualHyperparameters()
 
 
 def hyperparameters_of(environment: str) -> Hyperparameters:
-    """The hyperparameters of feed-forward policies in an environment.
+    """Returns the hyperparameters of feed-forward policies in an environment.
 
     Raises:
         ValueError: for an unknown environment. The message contains the allowed ids.

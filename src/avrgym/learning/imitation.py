@@ -85,7 +85,7 @@ def fit(
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
     optimizer = torch.optim.Adam(parameters, IMITATION.learning_rate)
     epochs, decay = (
-        (IMITATION.last_n_epochs, IMITATION.last_lr_decay)
+        (IMITATION.final_round_n_epochs, IMITATION.final_round_lr_decay)
         if last
         else (IMITATION.n_epochs, IMITATION.lr_decay)
     )

@@ -38,7 +38,7 @@ from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
-from avrgym.tasks.registry import sizes, task_and_scene
+from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 
 STILL_PARTNER = (REVISED, "none")
 """People and impairment of the partner without motion."""
@@ -97,7 +97,7 @@ class RecurrentRecipe:
         self._configuration = configuration
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
-        observation_size, action_size = sizes(configuration.environment)
+        observation_size, action_size = observation_and_action_size(configuration.environment)
         _, scene = task_and_scene(configuration.environment, configuration.settings)
         self._tool_motion = ToolMotion(scene)
         self._normaliser = Normaliser(observation_of(configuration.environment), RECURRENT.gamma)
@@ -261,7 +261,7 @@ class RecurrentRecipe:
             torch.as_tensor(each) for each in (self._normaliser.normalize_obs(observed), actions)
         )
         steps, decay = (
-            (RECURRENT.last_gradient_steps, RECURRENT.last_lr_decay)
+            (RECURRENT.final_round_gradient_steps, RECURRENT.final_round_lr_decay)
             if last
             else (RECURRENT.gradient_steps, RECURRENT.lr_decay)
         )

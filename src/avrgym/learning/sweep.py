@@ -19,8 +19,8 @@ from ray import tune
 from ray.tune.schedulers import ASHAScheduler, FIFOScheduler
 
 from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration, contains_training, stored_configuration
-from avrgym.learning.sweep_file import PlannedTraining, Stopping, Sweep, planned_trainings, read_sweep
+from avrgym.learning.configuration import FeedforwardConfiguration, contains_training, read_configuration
+from avrgym.learning.sweep_file import EarlyStopping, PlannedTraining, Sweep, planned_trainings, read_sweep
 from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_atomically
@@ -78,7 +78,7 @@ def trainings_by_group(out: Path) -> dict[str, list[PlannedTraining]]:
 def _stored(out: Path) -> Sweep:
     path = out / SWEEP_FILE
     if not path.exists():
-        raise ValueError(f"{out} contains no sweep to resume")
+        raise ValueError(f"{out} contains no sweep; allowed: the folder of a sweep")
     return read_sweep(path)
 
 
@@ -113,7 +113,7 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
 
 
 def _run_group(
-    out: Path, name: str, group: Sequence[PlannedTraining], stopping: Stopping | None, jobs: int | None
+    out: Path, name: str, group: Sequence[PlannedTraining], stopping: EarlyStopping | None, jobs: int | None
 ) -> list[str]:
     """Run a group of trainings. Returns the error messages of failed trainings."""
     schedule = out / SCHEDULE_FOLDER / name
@@ -145,7 +145,7 @@ def _run_group(
     return [f"{each.path}: {str(each.error).strip().splitlines()[-1]}" for each in tuner.fit() if each.error]
 
 
-def _scheduler(stopping: Stopping | None, steps: int) -> Any:
+def _scheduler(stopping: EarlyStopping | None, steps: int) -> Any:
     if stopping is None:
         return FIFOScheduler()
     grace, factor = min(stopping.after_steps, steps), stopping.factor
@@ -186,7 +186,7 @@ def _complete(out: Path) -> PolicyMetadata | None:
 
 def _outcome(out: Path, each: PlannedTraining) -> Outcome:
     folder = out / each.name
-    configuration = stored_configuration(folder)
+    configuration = read_configuration(folder)
     metadata = Policy.load(folder / POLICY_FILE).metadata
     measured: dict[str, Any] = metadata.measured
     return Outcome(

@@ -18,7 +18,7 @@ from avrgym.tasks.world_people import environment_populations
 Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
 
-class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EarlyStopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Early stopping of trainings with low rewards: asynchronous successive halving.
 
     Trainings are compared after ``after_steps`` steps, then after ``factor`` times as many steps, and so on. In each
@@ -42,7 +42,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     recipes: Annotated[dict[Name, dict[str, Any]], Meta(min_length=1)] = msgspec.field(
         default_factory=lambda: {"usual": {}}
     )
-    stopping: Stopping | None = None
+    stopping: EarlyStopping | None = None
 
 
 class PlannedTraining(NamedTuple):

@@ -26,10 +26,10 @@ from avrgym.learning.configuration import (
     VisualConfiguration,
     configuration_for,
     contains_training,
-    store,
+    read_configuration,
     store_people,
-    stored_configuration,
     stored_people,
+    write_configuration,
 )
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.feedforward_recipe import FeedforwardRecipe
@@ -46,7 +46,7 @@ from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
-from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
+from avrgym.tasks.registry import observation_and_action_size, plugins_of, task_and_scene
 from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ __all__ = [
     "POLICY_FILE",
     "Progress",
     "configuration_for",
+    "read_configuration",
     "resume",
-    "stored_configuration",
     "train",
 ]
 
@@ -129,7 +129,7 @@ def train(
         for name, policy in copied.items():
             policy.save(out / name)
         trainer = _Trainer(configuration, out, report, cluster)
-        store(configuration, out)
+        write_configuration(configuration, out)
         return trainer.run()
 
 
@@ -155,7 +155,7 @@ def resume(
         ValueError: if ``out`` contains no training, if the training is complete, if another process runs it, or if its
             files are damaged.
     """
-    configuration = stored = stored_configuration(out)
+    configuration = stored = read_configuration(out)
     _check(configuration, stored_people(configuration.people, out), cluster)
     with lock_folder(out):
         if steps is not None and steps != configuration.steps:
@@ -164,13 +164,13 @@ def resume(
         if (out / CHECKPOINT_FILE).exists():
             trainer.restore()
         if configuration != stored:
-            store(configuration, out)
+            write_configuration(configuration, out)
         return trainer.run()
 
 
 def _check_unused(out: Path) -> None:
     if out.exists() and not out.is_dir():
-        raise FileExistsError(f"{out} is a file; choose a folder with --out")
+        raise FileExistsError(f"{out} is a file; set --out to a folder")
     if contains_training(out):
         raise FileExistsError(f"{out} already contains a training; choose another folder, or add --resume")
 
@@ -180,7 +180,9 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
-        raise ValueError(f"the training in {out} is complete up to step {done}; --steps must be larger")
+        raise ValueError(
+            f"the training in {out} has completed {done} steps; allowed for --steps: a larger number"
+        )
     return configuration.with_steps(steps)
 
 
@@ -191,19 +193,19 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
     _check_memory(configuration, cluster)
     if isinstance(configuration, RecurrentConfiguration | VisualConfiguration):
         if cluster is not None:
-            raise ValueError("a recurrent or visual policy is trained in this process; leave out --cluster")
+            raise ValueError("recurrent and visual policies cannot be trained on a cluster; remove --cluster")
         return
     find_impairment(configuration.impairment)
     check_available(configuration.engine)
     feedforward_recipe.check(configuration, people, cluster)
     if cluster is not None:
-        worlds = -(-configuration.num_envs // feedforward_recipe.parts_of(configuration, cluster))
+        worlds = -(-configuration.num_envs // feedforward_recipe.num_requests(configuration, cluster))
         cluster.reserve_memory(worlds * WORLD_BYTES)
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
     """Raise ``ValueError`` if the worlds (with a cluster: the episodes) do not fit into this computer's memory."""
-    observation, action = sizes(configuration.environment)
+    observation, action = observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
     needed, available = worlds * (episode if cluster else WORLD_BYTES), memory_bytes()
@@ -255,7 +257,7 @@ class _Trainer:
         if self._recipe.steps >= self._configuration.steps and finished and self._is_evaluated():
             raise ValueError(
                 f"the training in {self._out} is complete after {self._recipe.steps} steps; "
-                "pass larger --steps to continue it"
+                "set --steps to a larger number to continue it"
             )
 
     def run(self) -> Policy:
@@ -303,7 +305,7 @@ class _Trainer:
             settings=configuration.settings.changed,
         )
         return [
-            with_metadata(policy, curve=downsampled(policy.metadata.curve))
+            with_metadata(policy, curve=downsample(policy.metadata.curve))
             for policy in self._recipe.policies(metadata)
         ]
 
@@ -363,7 +365,7 @@ def with_metadata(policy: Policy, **changes: Any) -> Policy:
     return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 
-def downsampled(curve: list[CurvePoint]) -> list[CurvePoint]:
+def downsample(curve: list[CurvePoint]) -> list[CurvePoint]:
     """Returns at most ``CURVE_POINTS`` points of a curve, including the last point."""
     stride = -(-len(curve) // CURVE_POINTS) or 1
     return curve[::-stride][::-1]

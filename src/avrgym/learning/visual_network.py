@@ -71,7 +71,7 @@ class VisualNetwork(nn.Module):
             strides=np.array(STRIDES, float),
             dense_weights=tuple(_array(each.weight).T for each in self.dense),
             dense_biases=tuple(_array(each.bias) for each in self.dense),
-            estimated=np.array(self._estimated, float),
+            estimated_indices=np.array(self._estimated, float),
         )
 
 

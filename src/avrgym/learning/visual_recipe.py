@@ -36,7 +36,7 @@ from avrgym.tasks.registry import task_and_scene
 
 TEACHER_FILE = "teacher.safetensors"
 """Copy of the teacher in the folder of a training."""
-MEASURED = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
+MEASURED_ENTRIES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
 """Entries of an observation that follow from the angles of the arm's joints."""
 
 
@@ -67,7 +67,9 @@ def camera_of(configuration: VisualConfiguration) -> CameraSpec:
     _, scene = task_and_scene(configuration.environment, configuration.settings)
     (camera,) = as_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
-        raise ValueError(f"camera {configuration.camera!r}; allowed kinds for a policy: rgb, depth")
+        raise ValueError(
+            f"camera of the policy is {configuration.camera!r}; allowed kinds of images: rgb, depth"
+        )
     return camera
 
 
@@ -81,7 +83,7 @@ class VisualRecipe:
         task, scene = task_and_scene(configuration.environment, configuration.settings)
         entries = task.observation(scene)
         names = np.repeat([each.name for each in entries.entries], [each.size for each in entries.entries])
-        self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED]
+        self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED_ENTRIES]
         (camera,) = self._cameras
         channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
         torch.set_num_threads(1)  # more would change the order of sums
@@ -195,7 +197,7 @@ class VisualRecipe:
         images = torch.as_tensor(self._demonstrations.concatenate("images"))
         true = rows[:, self._estimated]
         steps, decay = (
-            (VISUAL.last_gradient_steps, VISUAL.last_lr_decay)
+            (VISUAL.final_round_gradient_steps, VISUAL.final_round_lr_decay)
             if last
             else (VISUAL.gradient_steps, VISUAL.lr_decay)
         )

@@ -17,7 +17,7 @@ processor's cache."""
 class Memory:
     """A gated recurrent unit (Cho et al., EMNLP 2014) with U units, in PyTorch's variant.
 
-    Columns are reset gates, update gates and candidates. All arrays are stored as read-only float64.
+    The columns of the weights are reset gates, update gates and candidates. Arrays are stored as read-only float64.
 
     Args:
         input_weight: (inputs, 3 U).
@@ -44,14 +44,14 @@ class Memory:
         """Returns the next hidden state (N, U), from inputs ``rows`` (N, inputs) and the previous state
         ``memory`` (N, U). Values are in [-1, 1].
         """
-        inputs = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
-        hidden = np.split(product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
+        inputs = np.split(matrix_product(rows, self.input_weight) + self.input_bias, 3, axis=1)
+        hidden = np.split(matrix_product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
         reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))
         candidate = elementary.tanh(inputs[2] + reset * hidden[2])
         return (1.0 - update) * candidate + update * memory
 
 
-def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
+def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """Returns the matrix product (N, outputs) of (N, inputs) and (inputs, outputs). Unlike in BLAS, sums have a fixed
     order."""
     outputs = np.empty((len(rows), weight.shape[1]))

@@ -18,7 +18,7 @@ import safetensors
 import safetensors.numpy
 
 from avrgym.geometry import elementary
-from avrgym.networks.layers import Memory, product, read_only_copy
+from avrgym.networks.layers import Memory, matrix_product, read_only_copy
 from avrgym.networks.vision import VISION_TENSORS, Vision
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
@@ -47,8 +47,8 @@ class PolicyError(ValueError):
 class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Metadata of a human who was trained with a robot.
 
-    ``partner`` is the ``digest`` of the robot's policy. ``people_file`` is the text of the people file from which the
-    human's bodies were drawn, if any.
+    ``partner`` is the ``digest`` of the policy of the robot that was trained with the human. ``people_file`` is the
+    text of the people file from which the human's bodies were drawn, if any.
     """
 
     partner: str
@@ -155,7 +155,7 @@ class Policy:
     def mean(self, observations: np.ndarray) -> np.ndarray:
         """Returns mean actions (N, action) before clipping. Only for policies without memory and vision."""
         if self.memory is not None:
-            raise PolicyError("this policy is recurrent; use it with `policies.actors.Actor`")
+            raise PolicyError("the policy is recurrent or visual; use it with `policies.actors.Actor`")
         return self.step(observations, np.zeros((len(observations), 0)))[0]
 
     def step(
@@ -169,19 +169,21 @@ class Policy:
         """
         if observations.ndim != 2 or observations.shape[1] != self.observation_size:
             raise PolicyError(
-                f"observations of shape {observations.shape}; this policy takes (N, {self.observation_size})"
+                f"observations have the shape {observations.shape}; allowed: (N, {self.observation_size})"
             )
         rows = self.normalise(np.array(observations, np.float64, order="C"))
         if self.vision is not None:
             if image is None:
-                raise PolicyError(f"this policy needs images of the camera {self.metadata.camera}")
+                raise PolicyError(
+                    f"the policy needs images; pass images of the camera {self.metadata.camera}"
+                )
             rows = self._clip(self.vision.fill(rows, image))
         if self.memory is not None:
             memory = self.memory.next_state(rows, memory)
             rows = np.concatenate([rows, memory], axis=1)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            rows = elementary.tanh(product(rows, weight) + bias)
-        return product(rows, self.weights[-1]) + self.biases[-1], memory
+            rows = elementary.tanh(matrix_product(rows, weight) + bias)
+        return matrix_product(rows, self.weights[-1]) + self.biases[-1], memory
 
     def with_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
         """Returns actions (N, action), float32 in [-1, 1]: the means plus noise from the generators."""
@@ -238,14 +240,14 @@ class Policy:
 def _check_numbers(policy: Policy) -> None:
     for name, array in _tensors(policy).items():
         if not np.isfinite(array).all():
-            raise PolicyError(f"{name} contains numbers that are not finite")
+            raise PolicyError(f"{name} contains NaN or infinity; allowed: finite numbers")
     positive = {
         "observation.clip": policy.observation_clip,
         "observation.epsilon": policy.observation_epsilon,
     }
     for name, number in positive.items():
         if number <= 0:
-            raise PolicyError(f"{name} is {number}; it must be above 0")
+            raise PolicyError(f"{name} is {number}; allowed: above 0")
     if (policy.observation_variance < 0).any():
         raise PolicyError("observation.variance contains negative numbers; allowed: 0 and above")
     if policy.action_std < 0:
@@ -281,9 +283,9 @@ def _check_shapes(policy: Policy) -> None:
     size = policy.observation_mean.shape
     _check_shape("observation.variance", policy.observation_variance, size)
     if (policy.vision is None) != (policy.metadata.camera == ""):
-        raise PolicyError("a policy needs both vision and a camera, or neither")
+        raise PolicyError("the policy has only one of vision and camera; allowed: both or neither")
     if policy.vision is not None and policy.memory is not None:
-        raise PolicyError("a policy has vision or a memory; both together are not allowed")
+        raise PolicyError("the policy has vision and a memory; allowed: one of them or neither")
     if policy.memory is not None:
         _check_memory(policy.memory, size[0])
         size = (size[0] + policy.memory.units,)
@@ -397,7 +399,9 @@ class _Header(PolicyMetadata, frozen=True, kw_only=True):
 def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
     """Returns the format version and the metadata."""
     if _HEADER not in header:
-        raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
+        raise PolicyError(
+            f"the file is not a policy of AVR Gym: its header has no {_HEADER!r}, only {sorted(header)}"
+        )
     try:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
         versions = FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION
@@ -405,5 +409,5 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
             raise PolicyError(f"format version {version}; allowed: {', '.join(map(str, versions))}")
         described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
     except msgspec.DecodeError as error:
-        raise PolicyError(f"the header's {_HEADER!r} is wrong: {error}") from error
+        raise PolicyError(f"{_HEADER!r} in the header is invalid: {error}") from error
     return described.pop("format_version"), PolicyMetadata(**described)

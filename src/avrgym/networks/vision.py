@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import FloatArray, NumpyArray
-from avrgym.networks.layers import product, read_only_copy
+from avrgym.networks.layers import matrix_product, read_only_copy
 
 MAX_DEPTH_M = 1.2
 """Depth that is scaled to 1 in the network's input. Larger depths are clipped to 1."""
@@ -32,7 +32,7 @@ class Vision:
         dense_weights: one array (inputs, outputs) for each dense layer. The inputs of the second are the outputs of the
             first and the measured entries.
         dense_biases: one array (outputs,) for each dense layer.
-        estimated: indices (E,) of the estimated entries of the observation.
+        estimated_indices: indices (E,) of the estimated entries of the observation.
     """
 
     kernels: tuple[FloatArray, ...]
@@ -40,12 +40,12 @@ class Vision:
     strides: FloatArray
     dense_weights: tuple[FloatArray, ...]
     dense_biases: tuple[FloatArray, ...]
-    estimated: FloatArray
+    estimated_indices: FloatArray
 
     def __post_init__(self) -> None:
         for name in ("kernels", "kernel_biases", "dense_weights", "dense_biases"):
             object.__setattr__(self, name, tuple(read_only_copy(array) for array in getattr(self, name)))
-        for name in ("strides", "estimated"):
+        for name in ("strides", "estimated_indices"):
             object.__setattr__(self, name, read_only_copy(getattr(self, name)))
 
     def fill(self, rows: FloatArray, image: FloatArray) -> FloatArray:
@@ -55,21 +55,26 @@ class Vision:
             rows: (N, O); the values of estimated entries are not used.
             image: (N, H, W, C), from ``network_input``.
         """
-        estimated = self.estimated.astype(np.intp)
+        estimated = self.estimated_indices.astype(np.intp)
         features = image
         for kernel, bias, stride in zip(self.kernels, self.kernel_biases, self.strides, strict=True):
             features = np.maximum(_convolved(features, kernel, int(stride)) + bias, 0.0)
         first, second, last = zip(self.dense_weights, self.dense_biases, strict=True)
-        seen = np.maximum(product(features.reshape(len(rows), -1), first[0]) + first[1], 0.0)
+        seen = np.maximum(matrix_product(features.reshape(len(rows), -1), first[0]) + first[1], 0.0)
         measured = np.delete(rows, estimated, axis=1)
-        joined = np.maximum(product(np.concatenate([seen, measured], axis=1), second[0]) + second[1], 0.0)
+        joined = np.maximum(
+            matrix_product(np.concatenate([seen, measured], axis=1), second[0]) + second[1], 0.0
+        )
         filled = rows.copy()
-        filled[:, estimated] = product(joined, last[0]) + last[1]
+        filled[:, estimated] = matrix_product(joined, last[0]) + last[1]
         return filled
 
     def tensors(self) -> dict[str, NumpyArray]:
         """Returns all arrays by their names in a policy file."""
-        found: dict[str, NumpyArray] = {"vision.strides": self.strides, "vision.estimated": self.estimated}
+        found: dict[str, NumpyArray] = {
+            "vision.strides": self.strides,
+            "vision.estimated": self.estimated_indices,
+        }
         for name, arrays in (
             ("kernel", self.kernels),
             ("kernel_bias", self.kernel_biases),
@@ -112,7 +117,7 @@ class Vision:
             height, width = (int((side - size) // stride + 1) for side in (height, width))
             channels = kernel.shape[3]
             _check(f"vision.kernel_bias.{number}", self.kernel_biases[number], (channels,))
-        estimated = self.estimated
+        estimated = self.estimated_indices
         whole = estimated.ndim == 1 and (estimated == np.round(estimated)).all()
         if not whole or not len(estimated) or len({*estimated.tolist()}) < len(estimated):
             raise ValueError(
@@ -169,4 +174,4 @@ def _convolved(image: FloatArray, kernel: FloatArray, stride: int) -> FloatArray
     windows = np.lib.stride_tricks.sliding_window_view(image, (size, size), axis=(1, 2))
     windows = windows[:, ::stride, ::stride].transpose(0, 1, 2, 4, 5, 3)
     rows = windows.reshape(-1, size * size * channels)
-    return product(rows, kernel.reshape(-1, outputs)).reshape(*windows.shape[:3], outputs)
+    return matrix_product(rows, kernel.reshape(-1, outputs)).reshape(*windows.shape[:3], outputs)

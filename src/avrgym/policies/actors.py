@@ -1,4 +1,4 @@
-"""Policies that act in N worlds. They store the memory's state of each world."""
+"""Actors: policies in N worlds, with the state of the memory of each world."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -44,7 +44,10 @@ class Actor:
             PolicyError: for observations of a wrong shape. The memory is then unchanged.
         """
         if len(observations) != len(self._memory):
-            raise PolicyError(f"{len(observations)} observations for {len(self._memory)} worlds")
+            raise PolicyError(
+                f"there are {len(observations)} observations for {len(self._memory)} worlds; allowed: one for "
+                "each world"
+            )
         means, self._memory = self._policy.step(observations, self._memory, image)
         return means
 

@@ -1,4 +1,4 @@
-"""Controllers of other packages and files: they map a robot's observations to actions."""
+"""Controllers from other packages and files, which map a robot's observations to actions."""
 
 import copy
 import importlib
@@ -85,8 +85,11 @@ def act(controller: Controller, observation: AnyObservation, size: int) -> Float
 
 
 def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """Call ``act``. Returns its action, clipped to -1 to 1. Raises ``ControllerError`` for an exception or an invalid
-    action."""
+    """Call ``act`` and return its action, clipped to -1 to 1.
+
+    Raises:
+        ControllerError: for an exception or an invalid action.
+    """
     try:
         action = np.array(act(), float)
     except (Exception, SystemExit) as error:  # external code may raise anything
@@ -220,7 +223,7 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
         lacking = [each for each in ("reset", "act") if not callable(getattr(controller, each, None))]
         if lacking:
             raise PolicyError(
-                f"{name}: a {type(controller).__name__} without {' and '.join(lacking)}; "
+                f"{name}: {type(controller).__name__} has no method {' and '.join(lacking)}; "
                 "a controller needs the methods reset(seed, environment) and act(observation)"
             )
         return controller

@@ -2,8 +2,8 @@
 
 SCRIPTS = ("oracle", "random", "zero")
 OPERATOR = "operator"
-PREFERRED = ("adaptive", "revised", "oracle")
-"""Policies of sessions without `--policy`: the first one that the environment has."""
+PREFERRED_POLICIES = ("adaptive", "revised", "oracle")
+"""Default policies of sessions without `--policy`: the first of these names that the environment has."""
 FILE_FORMS = "FILE.safetensors, FILE.onnx, MODULE:ATTRIBUTE"
 POLICY_CHOICES = (
     f"adaptive, original, revised, {', '.join(SCRIPTS)}, {FILE_FORMS}, or the name of a plug-in's controller"

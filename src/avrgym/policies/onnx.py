@@ -67,7 +67,9 @@ def find_onnx(
     try:
         import onnxruntime
     except ModuleNotFoundError as error:
-        raise PolicyError(f"{path}: ONNX files need `pip install avrgym[onnx]`") from error
+        raise PolicyError(
+            f"{path}: the package onnxruntime is missing; run `pip install avrgym[onnx]`"
+        ) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
@@ -106,7 +108,7 @@ def _fits(shape: list[Any], size: int) -> bool:
     return len(rows) <= 1 and last == size and all(row == 1 or not isinstance(row, int) for row in rows)
 
 
-def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = True) -> "ModelProto":
+def make_onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = True) -> "ModelProto":
     """Returns an ONNX model of a policy: mean actions (``rows``, A), clipped to ±1, for observations (``rows``, O).
 
     The model contains the normalisation, but no exploration noise. If ``rows`` is a name, the number of rows is
@@ -168,9 +170,9 @@ def write_onnx(policy: Policy, out: Path) -> None:
     import onnx
 
     if out.suffix != ".onnx":
-        raise ValueError(f"{out}: the name must end in .onnx")
+        raise ValueError(f"{out} does not end in .onnx; allowed: names that end in .onnx")
     if out.exists():
         raise FileExistsError(f"{out} already exists; choose another name")
-    model = onnx_model(policy)
+    model = make_onnx_model(policy)
     onnx.checker.check_model(model)  # pyright: ignore[reportUnknownMemberType]
     write_atomically(out, model.SerializeToString())

@@ -20,14 +20,14 @@ from avrgym.networks.vision import network_input
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED, SCRIPTS
+from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED_POLICIES, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
 from avrgym.robots.registry import SKIPPED_PLUGINS as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import SKIPPED_PLUGINS as BROKEN_TASKS
-from avrgym.tasks.registry import plugins_of, sizes, task_and_scene
+from avrgym.tasks.registry import observation_and_action_size, plugins_of, task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
 
 ActionFunction = Callable[[FloatArray], FloatArray]
@@ -55,9 +55,9 @@ def named_policies(environment_id: str) -> list[str]:
 
 
 def preferred_policy(environment_id: str) -> str:
-    """Returns the first name of ``PREFERRED`` that is a policy of the environment."""
+    """Returns the first name of ``PREFERRED_POLICIES`` that is a policy of the environment."""
     names = named_policies(environment_id)
-    return next(name for name in PREFERRED if name in names)
+    return next(name for name in PREFERRED_POLICIES if name in names)
 
 
 def skipped_plugins() -> list[str]:
@@ -89,7 +89,7 @@ def find(
         PolicyError: for an unknown name (the message lists the allowed values), or if the policy cannot be loaded or
             does not fit.
     """
-    observation_size, action_size = sizes(environment_id)
+    observation_size, action_size = observation_and_action_size(environment_id)
     if name in SCRIPTS:
         return Script(name)
     if name in packaged_policies(environment_id) or Path(name).is_file():
@@ -220,7 +220,7 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
     try:
         return as_cameras(wanted, task_and_scene(environment_id)[1].robot) if wanted else ()
     except ValueError as error:
-        raise PolicyError(f"this policy cannot drive in {environment_id}: {error}") from error
+        raise PolicyError(f"the policy cannot be used in {environment_id}: {error}") from error
 
 
 def render_once(policy: AnyPolicy, world: Episodes) -> None:

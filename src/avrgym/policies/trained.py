@@ -9,7 +9,7 @@ from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError, PolicyMetad
 
 __all__ = [
     "FILE_SUFFIX",
-    "PACKAGED",
+    "PACKAGED_FOLDER",
     "Policy",
     "PolicyError",
     "PolicyMetadata",
@@ -18,13 +18,13 @@ __all__ = [
     "packaged_policies",
 ]
 
-PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
+PACKAGED_FOLDER = Path(__file__).parents[1] / "assets" / "policies"
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
     """Returns the files of an environment's packaged policies, by name."""
     scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
-    files = sorted(PACKAGED.glob(f"{scene}-*.safetensors"))
+    files = sorted(PACKAGED_FOLDER.glob(f"{scene}-*.safetensors"))
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}
 
 

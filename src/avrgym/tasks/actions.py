@@ -20,11 +20,9 @@ def validate_actions(
     try:
         found = np.array(actions, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"{type(actions).__name__} is not an array of numbers; {_allowed_actions(shape)}"
-        ) from None
+        raise ValueError(f"actions are of type {type(actions).__name__}; {_allowed_actions(shape)}") from None
     if found.shape != shape:
-        raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")
+        raise ValueError(f"actions have the shape {found.shape}; {_allowed_actions(shape)}")
     if ignored is not None:
         found[ignored] = 0.0
     for place in np.argwhere(~np.isfinite(found))[:1].tolist():
@@ -70,5 +68,5 @@ class DeviceActions:
         if count:
             self._invalid = self._invalid & False
             raise ValueError(
-                f"actions in {count} worlds were not finite; {_allowed_actions(self._shape[1:])}"
+                f"actions in {count} worlds contain NaN or infinity; {_allowed_actions(self._shape[1:])}"
             )

@@ -100,7 +100,7 @@ class BehaviourModel:
         """Take a step of 0.1 s in version 1 of the motion; returns the joint targets (N, 20) at its end.
 
         Args:
-            observe: returns the observation of the people; called only for people who react to it.
+            observe: returns the people's observation; called only if the people react to the tool.
             people: their bodies.
             limit: limits joint angles to the people's ranges.
             which: mask (N,) of the worlds that take the step; ``None``: all. The returned targets of other worlds have
@@ -121,7 +121,7 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> None:
-        """Choose the joint angles that people want for the next 0.1 s. The arguments are those of ``step``."""
+        """Choose the goal joint angles of people for the next 0.1 s. The arguments are those of ``step``."""
         state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):

@@ -36,7 +36,7 @@ from avrgym.system.mujoco_setup import RENDERING_HINT
 if TYPE_CHECKING:
     from avrgym.tasks.episodes import Episodes
 
-NEAR_M, FAR_M = 0.02, 20.0
+NEAR_CLIP_M, FAR_CLIP_M = 0.02, 20.0
 """Nearest and farthest rendered distance. Shadows are not rendered: without a graphics card they would take two thirds
 of the time."""
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
@@ -130,7 +130,10 @@ class _SexModel:
         self.model = model = spec.compile()
         self._data = mujoco.MjData(model)
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
-        model.vis.map.znear, model.vis.map.zfar = NEAR_M / model.stat.extent, FAR_M / model.stat.extent
+        model.vis.map.znear, model.vis.map.zfar = (
+            NEAR_CLIP_M / model.stat.extent,
+            FAR_CLIP_M / model.stat.extent,
+        )
         self._groups = model.geom_group.copy()
         self._option = rendering_options()
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nskin + 100)
@@ -197,7 +200,7 @@ class _SexModel:
         pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
         radius, ahead = model.geom_rbound, -pos[:, 2]
         half_height = np.tan(0.5 * np.radians(model.cam_fovy[number]))
-        beyond = ahead + radius < NEAR_M
+        beyond = ahead + radius < NEAR_CLIP_M
         for axis, half in ((0, half_height * camera.width_px / camera.height_px), (1, half_height)):
             beyond |= np.abs(pos[:, axis]) - half * ahead > radius * np.hypot(1.0, half)
         return beyond & (radius > 0.0)
@@ -237,7 +240,7 @@ def check_graphics() -> None:
 
 @cache
 def graphics_error() -> str | None:
-    """Returns the reason why nothing can be rendered, or ``None`` if rendering works.
+    """Returns the error message of a rendering test, or ``None`` if rendering works.
 
     The result is cached: a second attempt without a graphics library ends the process.
     """
@@ -251,9 +254,10 @@ def graphics_error() -> str | None:
 
 
 def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Distances along the optical axis from the renderer's depth, which is 0 at ``FAR_M`` and 1 at ``NEAR_M``."""
+    """Distances along the optical axis from the renderer's depth, which is 0 at ``FAR_CLIP_M`` and 1 at
+    ``NEAR_CLIP_M``."""
     share = depth.astype(np.float64)
-    metres = NEAR_M * FAR_M / (NEAR_M + share * (FAR_M - NEAR_M))
+    metres = NEAR_CLIP_M * FAR_CLIP_M / (NEAR_CLIP_M + share * (FAR_CLIP_M - NEAR_CLIP_M))
     return np.minimum(metres, MAX_DEPTH_M).astype(np.float32)
 
 

@@ -17,7 +17,7 @@ If the versions differ, the commands of a recording may lead to different states
 
 
 def environment_id(task: str, robot: str) -> str:
-    """Environment id of a task with a robot."""
+    """Returns the environment id of a task with a robot, such as ``avrgym/FeedingJaco-v1``."""
     return f"avrgym/{task}{robot}-v1"
 
 
@@ -30,7 +30,7 @@ PAPER_ENVIRONMENTS = tuple(
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
-    """Returns the exceptions after which a command over all environments skips this environment and reports it.
+    """Returns the exceptions for which commands over all environments skip this environment and report the error.
 
     Plug-ins may raise any exception.
     """

@@ -1,4 +1,4 @@
-"""The control loop: one object steps N worlds for environments, training, evaluation, live sessions and replay."""
+"""The control loop: steps N worlds in environments, training, evaluation, live sessions and replay."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """The outcome of one control step, world axis first; ``events`` as in ``StepResult``.
+    """The outcome of one control step in N worlds; world axis first. ``events`` as in ``StepResult``.
 
     Arrays are NumPy arrays in double precision, or on a device tensors in single precision.
 
@@ -46,10 +46,10 @@ class Step:
 
 @dataclass(frozen=True)
 class ControlStep:
-    """A control step of the first world, taken in ticks.
+    """A control step of the first world that consists of single ticks.
 
-    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether
-    the withdrawal drove the robot.
+    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether the
+    withdrawal controlled the robot.
     """
 
     observation: FloatArray
@@ -146,9 +146,9 @@ class ControlLoop:
         return self.withdrawal.driving
 
     def take_command(self, command: CommandName, worlds: BoolArray | None = None) -> BoolArray:
-        """Take a command of the participants in the worlds of a mask (N,), by default in all worlds.
+        """Apply a participant's command in the worlds of a mask (N,), by default in all worlds.
 
-        Returns the mask of the worlds in which it has an effect. Without a pacing layer it has none.
+        Returns the mask of the worlds in which the command has an effect. Without a pacing layer it has no effect.
         """
         everywhere = np.ones(self._simulation.num_worlds, dtype=bool)
         if self.pacing is None:
@@ -171,11 +171,11 @@ class ControlLoop:
         return actions if self.pacing is None else self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, A). In worlds that the withdrawal drives, they are the withdrawal's actions."""
+        """Returns actions (N, A) in which the withdrawal's actions replace those of the worlds that it controls."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
-        """Returns the step with the layers' reports, given the commanded actions (N, A)."""
+        """Returns the outcome with executed actions and interventions, given the commanded actions (N, A)."""
         if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
@@ -256,7 +256,7 @@ class ControlLoop:
         return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
     def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
-        """Advance by 10 ms outside of control steps, with new actions (N, A) if given."""
+        """Advance all worlds by 10 ms outside of control steps, with new actions (N, A) if given."""
         self.applied_action = None
         if actions is not None:
             self._executed = actions
@@ -266,7 +266,7 @@ class ControlLoop:
 
     @property
     def moving(self) -> bool:
-        """Whether the latest action moves any robot."""
+        """Whether the latest action moves a robot in any world."""
         return bool(self._executed.any())
 
     def abort_step(self) -> None:

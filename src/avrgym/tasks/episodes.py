@@ -32,7 +32,7 @@ from avrgym.tasks.task import (
     EpisodeStart,
     StepResult,
     TaskState,
-    joint_shares,
+    joint_strength_shares,
     replace_worlds,
     state_arrays,
 )
@@ -46,13 +46,14 @@ ACTION_PENALTY_TERM = "action_squared"
 MAX_TOOL_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if the user placed the base or the table."""
 MAX_REACH_DRAWS = 10
-"""Maximum number of samples in this case, if the intended initial position is out of reach."""
+"""Maximum number of samples until the tool reaches its intended initial position, if the user placed base or table."""
 MAX_START_DRAWS = 100
 """Maximum number of samples until an initial state without overlapping bodies is found."""
 
 
 class Episodes:
-    """N worlds of one environment; each has its own random stream, so worlds do not affect each other."""
+    """Episodes in N worlds of one environment. Each world has its own random stream; worlds do not affect each
+    other."""
 
     def __init__(
         self,
@@ -100,11 +101,15 @@ class Episodes:
             RuntimeError: if a package that the engine needs is not installed.
         """
         if withdraw_after_success and engine != THREADS:
-            raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
+            raise ValueError(
+                f"withdraw_after_success is not possible with engine {engine!r}; allowed: {THREADS}"
+            )
         if force_guard and on_device:
-            raise ValueError(f"force_guard reads forces on the host; with {engine} it needs on_device=False")
+            raise ValueError(
+                f"force_guard is not possible on a device; set on_device=False, or use engine {THREADS!r}"
+            )
         if rules is not None and engine != THREADS:
-            raise ValueError(f"rules need the engine {THREADS}, not {engine}")
+            raise ValueError(f"rules are not possible with engine {engine!r}; allowed: {THREADS}")
         self._made_with = {
             "people": people,
             "person": person,
@@ -247,7 +252,8 @@ class Episodes:
         return self.observe()[ids]
 
     def episode_start(self, world: int) -> EpisodeStart:
-        """The initial state of a world's episode, without its person. Call it before the first step is evaluated."""
+        """Returns the initial state of a world's episode, without its person. Call this method before the first
+        step."""
         pos_w, q_w = self.simulation.initial_base_pose()
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
@@ -258,7 +264,7 @@ class Episodes:
         )
 
     def reset_to_start(self, start: EpisodeStart) -> None:
-        """Begin an episode in the first world from a stored initial state, with the fixed person.
+        """Start an episode in the first world from a stored initial state, with the fixed person.
 
         Raises:
             KeyError, TypeError, ValueError: for an initial state of another environment.
@@ -295,7 +301,7 @@ class Episodes:
         share = self.task.strength_share
         if share is None:
             return people
-        return replace(people, strength_share=people.strength_share[:, None] * joint_shares(share))
+        return replace(people, strength_share=people.strength_share[:, None] * joint_strength_shares(share))
 
     def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
         """Pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
@@ -339,7 +345,7 @@ class Episodes:
         return validate_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
-        """Command the robots with checked actions (N, A), and people who move once in a control step or in 0.1 s."""
+        """Command the robots with checked actions (N, A), and set the targets of moving people."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.human_observation()))
@@ -382,8 +388,7 @@ class Episodes:
         self._people.command(action)
 
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
-        """Evaluate the control step that ends now, given its actions (N, A). Remove particles that left the
-        task.
+        """Evaluate the finished control step, given its actions (N, A). Remove particles that no longer count.
 
         Rewards and their terms become 0 in the worlds of the mask ``unrewarded`` (N,).
         """
@@ -398,7 +403,7 @@ class Episodes:
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> Step:
-        """Evaluate the present state as if a step with zero actions had ended. The tasks' states do not change."""
+        """Evaluate the present state as after a step with zero actions. Task states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
             np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
@@ -421,11 +426,11 @@ class Episodes:
         )
 
     def state(self) -> State:
-        """The present state, for tasks and experts."""
+        """Returns the present physical state, for tasks and experts."""
         return self.simulation.state()
 
     def observe(self) -> FloatArray:
-        """Observations (N, O) of the present state."""
+        """Returns the observations (N, O) of the present state."""
         return self.observation.of(self.simulation.state(), self.task_state)
 
     def human_observation(self) -> FloatArray:
@@ -433,9 +438,9 @@ class Episodes:
         return self.human_view.of(self.human_view.person_inputs(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
-        """The reward (N,) of people with actions (N, K): the robots' reward if ``shared``.
+        """Returns the reward (N,) of people with actions (N, K).
 
-        Otherwise the people's action penalty replaces the robots' action penalty.
+        If ``shared``, it is the robots' reward. Otherwise the people's action penalty replaces that of the robots.
         """
         weight = self.task.weights.get(ACTION_PENALTY_TERM, 0.0)
         if shared or not weight:
@@ -446,7 +451,7 @@ class Episodes:
     def images(
         self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None
     ) -> dict[str, NumpyArray]:
-        """Images (n, ...) of the present state of some worlds, or of all, by the names of ``CameraSpec.entries``.
+        """Returns images (n, ...) of the present state of some or all worlds, by the names of ``CameraSpec.entries``.
 
         The first call compiles the appearance. Rendering changes no state.
 
@@ -473,5 +478,5 @@ class Episodes:
         return self.task.marks.places(self.simulation.arms(), self.task_state)
 
     def person_in(self, world: int) -> Person:
-        """The person of a world's present episode."""
+        """Returns the person of a world's present episode."""
         return self.people.person(world)

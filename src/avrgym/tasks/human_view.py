@@ -1,5 +1,4 @@
-"""Observations of people as agents: tool and goal in the frame of the person's hips, the person's body, and the forces
-on the person."""
+"""Observations of people as agents: tool and goal in the frame of the hips, the person's body, and contact forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,27 +65,27 @@ class HumanView:
         """Length O of an observation."""
         return len(self.bound)
 
-    def of(self, seen: PersonInputs) -> FloatArray:
+    def of(self, inputs: PersonInputs) -> FloatArray:
         """Returns observations (N, O)."""
-        turned_back = transforms.conjugate(seen.hips_q_w)
+        turned_back = transforms.conjugate(inputs.hips_q_w)
         parts = [
-            transforms.rotate(turned_back, seen.tool_pos_w - seen.hips_pos_w),
-            transforms.multiply(turned_back, seen.tool_q_w),
-            *(transforms.rotate(turned_back, offset) for offset in seen.tool_from_goals_w),
-            seen.joint_angles_rad,
-            *self._body(seen, turned_back),
-            seen.total_force_n,
-            seen.tool_force_n,
+            transforms.rotate(turned_back, inputs.tool_pos_w - inputs.hips_pos_w),
+            transforms.multiply(turned_back, inputs.tool_q_w),
+            *(transforms.rotate(turned_back, offset) for offset in inputs.tool_from_goals_w),
+            inputs.joint_angles_rad,
+            *self._body(inputs, turned_back),
+            inputs.total_force_n,
+            inputs.tool_force_n,
         ]
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
-    def _body(self, seen: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
+    def _body(self, inputs: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
         """The offered part of the body, in the frame of the hips."""
         if self._arm:
-            offset = seen.right_arm_pos_w - seen.hips_pos_w[:, None]
+            offset = inputs.right_arm_pos_w - inputs.hips_pos_w[:, None]
             return [transforms.rotate(turned_back[:, None], offset)]
-        head = transforms.rotate(turned_back, seen.head_pos_w - seen.hips_pos_w)
-        return [head, transforms.multiply(turned_back, seen.head_q_w)]
+        head = transforms.rotate(turned_back, inputs.head_pos_w - inputs.hips_pos_w)
+        return [head, transforms.multiply(turned_back, inputs.head_q_w)]
 
     def person_inputs(self, simulation: Simulation, task_state: Any) -> PersonInputs:
         """Returns the inputs for the people of a simulation with moving joints."""
@@ -108,7 +107,7 @@ class HumanView:
 
 
 def human_view_of(environment_id: str) -> tuple[HumanView, int]:
-    """Returns the human's view in an environment, and the length of the human's actions.
+    """Returns the observation function of humans in an environment, and the length of their actions.
 
     Raises:
         ValueError: for an unknown environment. The message lists the ids.

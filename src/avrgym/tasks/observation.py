@@ -41,12 +41,12 @@ class Entry:
 
 
 def position_entry(name: str, compute: EntryFunction) -> Entry:
-    """Entry of three coordinates in metres, relative to a point within reach."""
+    """Returns an entry of three coordinates in metres, relative to a point within reach."""
     return Entry(name, 3, MAX_DISTANCE_M, compute)
 
 
 def goal_offset_entry(name: str, compute: EntryFunction) -> Entry:
-    """Entry of the tool's offset from its goal in metres.
+    """Returns an entry of the tool's offset from its goal in metres.
 
     Its scale is fixed: the variance over whole episodes is too large to resolve centimetres near the goal.
     """
@@ -54,17 +54,17 @@ def goal_offset_entry(name: str, compute: EntryFunction) -> Entry:
 
 
 def quaternion_entry(name: str, compute: EntryFunction) -> Entry:
-    """Entry of a quaternion w, x, y, z."""
+    """Returns an entry of a quaternion w, x, y, z."""
     return Entry(name, 4, UNIT_BOUND, compute)
 
 
 def angles_entry(name: str, count: int, compute: EntryFunction) -> Entry:
-    """Entry of joint positions in radians or metres."""
+    """Returns an entry of joint positions in radians or metres."""
     return Entry(name, count, MAX_ANGLE_RAD, compute)
 
 
 def force_entry(name: str, compute: EntryFunction) -> Entry:
-    """Entry of the magnitude of a force in newtons."""
+    """Returns an entry of the magnitude of a force in newtons."""
     return Entry(name, 1, MAX_FORCE_N, compute)
 
 
@@ -110,7 +110,7 @@ class Observation:
         return np.repeat(values, [entry.size for entry in self.entries])
 
     def of(self, state: State, task_state: Any) -> FloatArray:
-        """Observations (N, O) of a state.
+        """Returns the observations (N, O) of a state.
 
         Raises:
             ValueError: if an entry's number of values is not its ``size``.
@@ -119,12 +119,14 @@ class Observation:
         parts = [entry.compute(state, task_state).reshape(count, -1) for entry in self.entries]
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
-                raise ValueError(f"{entry.name} has {part.shape[1]} values; allowed: {entry.size}")
+                raise ValueError(
+                    f"entry {entry.name} of the observation has {part.shape[1]} values; allowed: {entry.size}, its size"
+                )
         return namespace(*parts).concat(parts, axis=-1)
 
 
-def number_names(observation: Observation) -> list[str]:
-    """A name for each value of an observation, such as ``tool_from_torso_m_x``."""
+def value_names(observation: Observation) -> list[str]:
+    """Returns a name for each value of an observation, such as ``tool_from_torso_m_x``."""
     ends = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
     return [
         f"{entry.name}{end}"
@@ -134,7 +136,7 @@ def number_names(observation: Observation) -> list[str]:
 
 
 def joint_positions(scene: SceneConfig) -> Entry:
-    """Entry of the moving arm's joint positions, then x, y and yaw of a driving base relative to its start.
+    """Returns an entry of the arm's joint positions, then x, y and yaw of a driving base relative to its start.
 
     The name is ``arm_angles_rad`` for arms of hinges on a fixed base.
     """
@@ -169,8 +171,8 @@ RIGHT_ARM_FROM_ROBOT = tuple(
 """Common entries, relative to the robot's torso, with the axes of the world frame."""
 
 
-def tool_at_the_mouth(scene: SceneConfig) -> Observation:
-    """The observation of tasks at the mouth: tool, arm and head."""
+def mouth_task_observation(scene: SceneConfig) -> Observation:
+    """Returns the observation of tasks at the mouth: tool, arm and head."""
     return Observation(
         (
             TOOL_FROM_ROBOT,

@@ -11,8 +11,8 @@ GROUND_M = 0.03
 """Particles below this height have reached the floor."""
 
 
-def touching_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
-    """Boolean mask (N, K): the ``candidates`` (N, K) that touch the person.
+def particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
+    """Returns a mask (N, K) of the ``candidates`` (N, K) that touch the person.
 
     A particle touches the person within 2 mm of a capsule's surface. Distances are computed only for particles that are
     farther from the tool than the person is.
@@ -40,15 +40,15 @@ def count_events(events: BoolArray) -> FloatArray:
     return 1.0 * events.sum(axis=-1)
 
 
-def check_count(state: State, happened: BoolArray) -> None:
-    """Check that a task's state has as many particles as its tool carries.
+def check_count(state: State, events: BoolArray) -> None:
+    """Check that a task's state and its tool have the same number of particles.
 
     Raises:
         ValueError: if the numbers differ. The message contains both.
     """
     carried = state.particle_pos_w.shape[1]
-    if happened.shape[1] != carried:
+    if events.shape[1] != carried:
         raise ValueError(
-            f"the tool carries {carried} particles, but the task state has {happened.shape[1]}; "
+            f"the tool carries {carried} particles, but the task state has {events.shape[1]}; "
             f"allowed: init_state=partial(init_state, particles={carried})"
         )

@@ -27,11 +27,11 @@ LATERAL_AXES = np.array([1.0, 1.0, 0.0])
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
-    """Forces (N,) of at least ``STRONG_FORCE_N``; returns zero for smaller forces."""
+    """Returns the forces (N,), with zero for forces below ``STRONG_FORCE_N``."""
     return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 
-def above_sleeve(places: FloatArray) -> FloatArray:
-    """Move points (..., 3) from a limb's collision shape to the outside of skin and sleeve, in the limb's frame."""
+def move_above_sleeve(places: FloatArray) -> FloatArray:
+    """Returns points (..., 3), moved from a limb's collision shape to the outside of skin and sleeve; limb's frame."""
     outwards = places * constant_like(LATERAL_AXES, places)
     return places + SKIN_MARGIN_M * transforms.normalize(outwards)

@@ -45,7 +45,7 @@ def wheelchair_scene(
     *,
     on_left: bool = False,
 ) -> SceneConfig:
-    """A person in a wheelchair and a robot.
+    """Returns the scene of a person in a wheelchair and a robot.
 
     ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: the robot's position is
     mirrored to the person's left; ``side`` is still the side of the robot's arm.
@@ -64,7 +64,7 @@ def wheelchair_scene(
 
 
 def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
-    """A person in a hospital bed and a robot.
+    """Returns the scene of a person in a hospital bed and a robot.
 
     Raises:
         UnsuitableRobotError: if the robot lacks arm, mount or grip.
@@ -84,7 +84,7 @@ def _carried(mount: Mount) -> tuple[str, ...]:
 
 @cache
 def arm_chain(scene: SceneConfig) -> kinematics.Chain:
-    """Kinematic chain of the moving arm, from the robot's base to the tool."""
+    """Returns the kinematic chain of the moving arm, from the robot's base to the tool."""
     model = robot_with_tool(scene, appearance=False).compile()
     chain = kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
     return mirrored_chain(chain, scene.tool.mirror_axis) if scene.frame.mirrored else chain
@@ -96,32 +96,32 @@ DRIVE_TRAVEL_M = 0.8
 
 @cache
 def planning_chain(scene: SceneConfig) -> kinematics.Chain:
-    """Kinematic chain of plans: ``arm_chain``, with a driving base's travel along its x axis as the first joint.
+    """Returns the kinematic chain for motion planning: ``arm_chain``, with a slide for the travel of a driving base.
 
-    Plans use the drive as one more slide and keep the base's direction. Together with lift, telescoping arm and wrist,
-    the drive gives the tool six degrees of freedom.
+    Plans use the drive as a slide and do not rotate the base. Lift, telescoping arm, wrist and drive together give the
+    tool six degrees of freedom.
     """
     chain = arm_chain(scene)
     return chain if scene.robot.drive is None else kinematics.prepend_slide(chain, DRIVE_TRAVEL_M)
 
 
 def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
-    """Mouth positions (n, 3) and head rotations (n, 4) of seated people; world frame."""
+    """Returns mouth positions (n, 3) and head rotations (n, 4) of seated people; world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
     site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
 def right_arm_joints_w(people: People, posture: Posture) -> FloatArray:
-    """Shoulder, elbow and wrist positions (n, 3, 3) of the right arm; world frame."""
+    """Returns shoulder, elbow and wrist positions (n, 3, 3) of the right arm; world frame."""
     pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
     return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
 
-def tool_in_hand(
+def tool_pose_in_hand(
     scene: SceneConfig, hand_pos_w: FloatArray, tool_q_w: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Tool positions (n, 3) and rotations (n, 4) for hand positions (n, 3) and one tool rotation (4,)."""
+    """Returns tool positions (n, 3) and rotations (n, 4) for hand positions (n, 3) and one tool rotation (4,)."""
     pos_w = hand_pos_w - constant_like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
     return pos_w, namespace(pos_w).tile(constant_like(tool_q_w, pos_w), (len(pos_w), 1))
 
@@ -138,7 +138,7 @@ def find_start(
     *,
     along_goals: bool = False,
 ) -> Start:
-    """Initial states of n worlds with tool poses (n, 3) and (n, 4).
+    """Returns initial states of n worlds with tool poses (n, 3) and (n, 4).
 
     For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses: the tool should also reach
     the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed base

@@ -32,25 +32,25 @@ ARM_BATCH_SIZE = 50
 
 @dataclass(frozen=True)
 class StartDrawStatistics:
-    """Number of samples until an initial state has no collision: mean and maximum. ``refused``: reason of failure, if
+    """Number of samples until an initial state has no collision: mean and maximum. ``failure``: error message, if
     any."""
 
     mean: float
-    most: int
-    refused: str = ""
+    maximum: int
+    failure: str = ""
 
     @property
     def fault(self) -> str:
         """Description of the error; empty without an error."""
-        return self.refused or describe_excess_draws(self.mean, self.most)
+        return self.failure or describe_excess_draws(self.mean, self.maximum)
 
 
-def describe_excess_draws(mean: float, most: int) -> str:
-    """Returns a description of the error if initial states need too many samples, otherwise an empty text."""
+def describe_excess_draws(mean: float, maximum: int) -> str:
+    """Returns an error message if initial states need too many samples, otherwise an empty text."""
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
-        f"an initial state is drawn {mean:.1f} times on average and {most} times at most until it has no collision; "
+        f"an initial state is drawn {mean:.1f} times on average and {maximum} times at most until it has no collision; "
         f"allowed: {MAX_MEAN_DRAWS:g} on average: move the robot's mount or choose another seed pose"
     )
 

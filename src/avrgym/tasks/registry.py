@@ -43,11 +43,11 @@ class Registry:
             ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.
         """
         if task.name in self.tasks:
-            raise ValueError(f"a task named {task.name} is already registered; allowed: another name")
+            raise ValueError(f"a task with the name {task.name} is already registered; allowed: another name")
         suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
         if not suited:
             raise ValueError(
-                f"no robot has the arm, mount and grip for task {task.name}; the robots are {', '.join(self.robots)}"
+                f"task {task.name}: no robot has the required arm, mount and grip; registered: {', '.join(self.robots)}"
             )
         made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)
@@ -84,7 +84,7 @@ SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
 
 
 def find_environment(environment_id: str) -> tuple[str, str]:
-    """Task and robot names of an environment id.
+    """Returns the task and robot names of an environment id.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.
@@ -97,7 +97,7 @@ def find_environment(environment_id: str) -> tuple[str, str]:
 
 
 def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
-    """Plug-ins that register the task or robot of an environment.
+    """Returns the plug-ins that register the task or robot of an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.
@@ -112,7 +112,7 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
 
 
 def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[Task, SceneConfig]:
-    """Task and scene of an environment with settings.
+    """Returns task and scene of an environment with settings.
 
     Raises:
         ValueError: for an unknown id, listing the ids, and for settings that are not possible in this environment.
@@ -148,7 +148,7 @@ def task_goal(name: str, settings: Settings) -> str:
     return task.goal if settings.served_arm in (None, task.served_arm) else with_other_arm(task.goal)
 
 
-def sizes(environment_id: str) -> tuple[int, int]:
+def observation_and_action_size(environment_id: str) -> tuple[int, int]:
     """Returns the sizes of observation and action in an environment.
 
     Raises:

@@ -1,7 +1,6 @@
-"""Rehearsal of a motion from an initial state: whether the arm follows the path of the tool with clearance from person
-and furniture.
+"""Rehearsal: simulates a motion of the tool kinematically, and computes its cost from clearance and joint limits.
 
-The rehearsal is kinematic. It follows the path in small steps by inverse kinematics, as experts do.
+Inverse kinematics follows the path of the tool in small steps, as experts do.
 """
 
 import numpy as np

@@ -38,7 +38,7 @@ class ArmShape:
 
 @cache
 def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
-    """Capsules around the collision geoms of the moving arm and of a driving base.
+    """Returns capsules around the collision geoms of the moving arm and of a driving base.
 
     ``chain`` is the scene's ``placement.planning_chain``.
     """
@@ -181,11 +181,10 @@ class Clearance:
     def min_distance_m(
         self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
     ) -> FloatArray:
-        """Smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J); negative if the arm
-        overlaps them.
+        """Returns the smallest distance (N, M) in metres from person or furniture, negative for an overlap.
 
         Args:
-            joint_positions: positions of the joints of ``placement.planning_chain``.
+            joint_positions: M arm poses (N, M, J), joints of ``placement.planning_chain``.
             segments_w: ends (N, G, 2, 3) of the axes of the person's capsules, world frame.
             radii_m: radii (N, G) of these capsules.
             tool: whether to include the tool. The hand is always included.

@@ -117,7 +117,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def changed(self) -> dict[str, Any]:
-        """The settings that differ from the defaults, by name, in plain values."""
+        """Settings that differ from the defaults: plain values by name."""
         return msgspec.to_builtins(self)
 
     def __str__(self) -> str:
@@ -132,16 +132,14 @@ def _refusal(name: str, value: object, allowed: str) -> ValueError:
 
 
 def as_settings(values: Mapping[str, Any]) -> Settings:
-    """Settings from plain values by name.
+    """Returns settings from plain values by name.
 
     Raises:
         ValueError: for an unknown name or a value that is not allowed.
     """
     unknown = ", ".join(name for name in values if name not in Settings.__struct_fields__)
     if unknown:
-        raise ValueError(
-            f"unknown setting {unknown}; the settings are {', '.join(Settings.__struct_fields__)}"
-        )
+        raise ValueError(f"unknown setting {unknown}; allowed: {', '.join(Settings.__struct_fields__)}")
     try:
         return msgspec.convert(dict(values), Settings)
     except msgspec.ValidationError as error:
@@ -149,7 +147,7 @@ def as_settings(values: Mapping[str, Any]) -> Settings:
 
 
 def parse_settings(lines: Sequence[str]) -> Settings:
-    """Settings from texts ``name=value``; a value is a number, a word, or a list as in TOML.
+    """Returns settings from texts ``name=value``. A value is a number, a word, or a list as in TOML.
 
     Raises:
         ValueError: for a text without this form, an unknown name, or a value that is not allowed.

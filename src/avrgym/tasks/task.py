@@ -50,7 +50,7 @@ class StepResult:
         force_on_person_n: contact force of robot and tool on the person (N,).
         success: whether the task has succeeded up to this step (N,).
         events: number of events with a chime, such as a bite (N,).
-        gone: particles to remove (N, K); K is 0 for tools without particles.
+        gone: mask (N, K) of particles to remove; K is 0 for tools without particles.
     """
 
     task_state: TaskState
@@ -108,7 +108,7 @@ class View(NamedTuple):
         return np.array(self.look_at_w) - self.distance_m * forward
 
 
-BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
+WHEELCHAIR_SIDE_VIEW = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
 """The view of a robot on the floor that brings a tool to the mouth of a person in the wheelchair."""
 
 
@@ -232,7 +232,9 @@ class Task:
                 f"the weights of task {self.name} are empty; allowed: a weight for each reward term"
             )
         if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
-            raise ValueError(f"task {self.name} has a detour_weight_per_m, but no detour_m")
+            raise ValueError(
+                f"task {self.name} has the hyperparameter detour_weight_per_m, but no detour_m; add detour_m"
+            )
         if self.memory_expert is not None:
             self._check_part("memory_expert", callable(self.memory_expert), "function")
         object.__setattr__(self, "scene", cache(self.scene))
@@ -249,7 +251,7 @@ class Task:
         return next((part for part in self.tracked if part != "head"), None)
 
     def with_settings(self, settings: Settings) -> "Task":
-        """The task with the tool, particles and table of settings.
+        """Returns the task with the tool, particles and table of settings.
 
         Raises:
             ValueError: for settings that this task does not have.
@@ -258,19 +260,19 @@ class Task:
         if not given:
             return self
         if self.variant is None:
-            raise ValueError(f"{self.name} has no setting {given[0]}; allowed: leave it out")
+            raise ValueError(f"task {self.name} has no setting {given[0]!r}; remove it")
         # Settings of the scene do not make another variant.
         return self.variant(Settings(**{name: getattr(settings, name) for name in given}))
 
     def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
-        """Weighted sum of the terms (N,).
+        """Returns the weighted sum (N,) of reward terms.
 
         Raises:
             ValueError: if terms and weights have different names.
         """
         if terms.keys() != self.weights.keys():
             raise ValueError(
-                f"task {self.name} returned the reward terms {', '.join(terms)}; its weights are for "
+                f"task {self.name} returned the reward terms {', '.join(terms)}; allowed: the names of its weights, "
                 f"{', '.join(self.weights)}"
             )
         total: Any = 0.0
@@ -301,8 +303,8 @@ _FUNCTIONS = (
 )
 
 
-def joint_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
-    """``Task.strength_share`` of each joint (20,)."""
+def joint_strength_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
+    """Returns the share of strength of each joint (20,), from ``Task.strength_share``."""
     if isinstance(strength_share, Mapping):
         return np.array([strength_share.get(name, 1.0) for name in JOINTS])
     return np.full(len(JOINTS), strength_share)
@@ -311,12 +313,12 @@ def joint_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
 def _is_strength_share(strength_share: float | Mapping[str, float]) -> bool:
     if isinstance(strength_share, Mapping) and not strength_share.keys() <= JOINTS.keys():
         return False
-    shares = joint_shares(strength_share)
+    shares = joint_strength_shares(strength_share)
     return bool(((shares > 0.0) & (shares <= 1.0)).all())
 
 
 def state_arrays(task_state: object) -> dict[str, NumpyArray]:
-    """Arrays of a task state, by name."""
+    """Returns the arrays of a task state, by name."""
     return vars(task_state)
 
 

@@ -1,4 +1,4 @@
-"""Check of a task by running it."""
+"""Checks a task by running a few steps with every robot."""
 
 import numpy as np
 
@@ -37,7 +37,9 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
     where = f"{name} in {episodes.environment_id}"
     first, again = (_observations(episodes, expert, where) for _ in range(2))
     if first.tobytes() != again.tobytes():
-        raise ValueError(f"{where}: the same seeds gave different episodes")
+        raise ValueError(
+            f"{where}: the same seeds gave different episodes; use only the random numbers in the arguments"
+        )
 
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
@@ -61,7 +63,7 @@ def _check_step(episodes: Episodes, step: Step, where: str) -> None:
     ):
         if not within.all():
             raise ValueError(
-                f"{where}: {entry.name} exceeds its bound of ±{entry.bound:g} or is not a number"
+                f"{where}: observation entry {entry.name} is NaN or outside its bound; allowed: ±{entry.bound:g}"
             )
     terms = {f"reward term {name}": term for name, term in step.reward_terms.items()}
     figures = terms | {"distance_m": step.distance_m, "force_on_person_n": step.force_on_person_n}

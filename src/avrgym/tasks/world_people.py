@@ -1,4 +1,4 @@
-"""The people of N worlds: drawn from populations, and moved by behaviour models, trained policies or human actions."""
+"""The people of N worlds: sampled from populations; moved by behaviour models, trained policies or human actions."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -49,7 +49,7 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
         trained_for = population.trained.metadata.environment
         if trained_for != environment_id:
             raise PolicyError(
-                f"{population.name}: a human trained for {trained_for}, not for {environment_id}; allowed: humans of "
+                f"{population.name}: this human was trained for {trained_for}; allowed for {environment_id}: humans of "
                 f"`avrgym train {environment_id} --recipe pair`"
             )
         view, joints = human_view_of(environment_id)
@@ -332,5 +332,5 @@ class WorldPeople:
 
 
 def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns joint angles (..., N, 20), limited to the joint ranges and shoulder limits of these people."""
+    """Returns joint angles (..., N, 20), clipped to the joint ranges and shoulder limits of these people."""
     return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))

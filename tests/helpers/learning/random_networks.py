@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
 from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 
 
 def random_network(
@@ -20,7 +20,7 @@ def random_network(
 ) -> Policy:
     """Return the policy of a human or a robot with random weights."""
     view, joints = human_view_of(environment)
-    observed, acted = (view.size, joints) if of_human else sizes(environment)
+    observed, acted = (view.size, joints) if of_human else observation_and_action_size(environment)
     random = np.random.default_rng(seed)
     return Policy(
         weights=(random.normal(0.0, 0.5, (observed, acted)),),

@@ -10,7 +10,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
@@ -38,7 +38,7 @@ CALIBRATION_TICKS = 20
 
 def constant_policy(environment: str) -> Policy:
     """Return a policy that moves every joint at 0.6 of its maximum speed."""
-    size, joints = sizes(environment)
+    size, joints = observation_and_action_size(environment)
     return Policy(
         weights=(np.zeros((size, joints)),),
         biases=(np.resize([0.6, -0.6], joints),),

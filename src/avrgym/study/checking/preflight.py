@@ -78,8 +78,8 @@ def _check_environment(environment: str, settings: Settings) -> Iterator[Finding
         yield Finding(environment, f"no initial state can be sampled: {type(error).__name__}: {error}")
         return
     for person, drawn in drawn_starts:
-        if drawn.refused:
-            yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
+        if drawn.failure:
+            yield Finding(environment, drawn.failure.removeprefix(f"{environment}: "))
         elif drawn.fault:
             body = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
             yield Finding(environment, f"next to {body} {drawn.fault}", is_error=False)

@@ -21,7 +21,7 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.table_files import write_json
 from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
-from avrgym.tasks.observation import number_names
+from avrgym.tasks.observation import value_names
 from avrgym.tasks.registry import TASKS
 
 VERSION = "v3.0"
@@ -221,4 +221,4 @@ def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
     """Names of the components of observation and action, by feature."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
-    return {"observation.state": number_names(task.observation(scene)), "action": list(scene.action_names)}
+    return {"observation.state": value_names(task.observation(scene)), "action": list(scene.action_names)}

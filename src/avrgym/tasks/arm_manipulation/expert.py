@@ -30,16 +30,16 @@ CRADLED_M, ON_RIM_M = 0.06, 0.08
 may be on a rim. In between, the lateral motion falls to zero."""
 CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
 """Height of the forearm's axis at which the scooper passes above the armrest."""
-NEARLY_M = 0.03
+LIFT_TOLERANCE_M = 0.03
 """Maximum distance below the carrying height at which the scooper also moves the forearm to the person's
 left.
 """
-INSIDE_M = 0.06
+INWARD_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145
 """Smallest x coordinate of the forearm's lifted point while the forearm is lifted. There the far rim of the scooper
 does not touch the armrest."""
-AHEAD_M, OVER_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
+MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
 """Maximum vertical distance of the target from the forearm, height of the target above the carrying height, and maximum
 and minimum speed of the scooper."""
 
@@ -69,15 +69,15 @@ def lift(
     up_w, lifted_w = upwards_w(state), lifted_pos_w(state)
     before = standoff_m(_beside_m(state), FREE_M, BEFORE_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
-    carries = np.clip(1.0 - missing / NEARLY_M, 0.0, 1.0)
+    carries = np.clip(1.0 - missing / LIFT_TOLERANCE_M, 0.0, 1.0)
     goal_w = lifted_w - (TOUCHING_M + before)[:, None] * up_w
-    below = np.clip(1.0 - before / NEARLY_M, 0.0, 1.0)
-    goal_w[:, 2] += below * np.clip(missing + OVER_M, -AHEAD_M, AHEAD_M)
-    aim_x = LIFTING_X_M + carries * (RESTING_X_M + INSIDE_M - LIFTING_X_M)
+    below = np.clip(1.0 - before / LIFT_TOLERANCE_M, 0.0, 1.0)
+    goal_w[:, 2] += below * np.clip(missing + HEIGHT_MARGIN_M, -MAX_VERTICAL_LEAD_M, MAX_VERTICAL_LEAD_M)
+    aim_x = LIFTING_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - LIFTING_X_M)
     above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
     cradled = np.clip((ON_RIM_M - above_m) / (ON_RIM_M - CRADLED_M), 0.0, 1.0)
-    goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * AHEAD_M)
-    goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + OVER_M - TOUCHING_M)
+    goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * MAX_VERTICAL_LEAD_M)
+    goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + HEIGHT_MARGIN_M - TOUCHING_M)
     speed = np.minimum(speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
     return goal_w, cradling_q_w(state, heading), speed
 

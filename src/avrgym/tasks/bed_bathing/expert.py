@@ -64,7 +64,7 @@ class BedBathingExpert:
         pos_w, q_w = cloth_pose(state, self._limb[sweep], self._angle[sweep], share, above)
         speed = np.where(phase == APPROACH, CARRY_SPEED_M_S, WIPE_SPEED_M_S)
         speed = speed * np.clip(2.0 - state.tool_force_n / MAX_FORCE_N, 0.2, 1.0)
-        action = self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        action = self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         self._advance(state, pos_w, q_w)
         return action
 
@@ -107,9 +107,7 @@ def cloth_pose(
         above_m: distance of the wiping face from the skin (N,).
     """
     at = limb_frame(state, limb)
-    normal = (
-        elementary.cos(angle_rad)[:, None] * at.top_w + elementary.sin(angle_rad)[:, None] * at.outwards_w
-    )
+    normal = elementary.cos(angle_rad)[:, None] * at.up_w + elementary.sin(angle_rad)[:, None] * at.outwards_w
     far_m = END_MARGIN_M + share * (at.length_m - 2.0 * END_MARGIN_M)
     pos_w = at.start_w + far_m[:, None] * at.along_w + (at.radius_m + above_m)[:, None] * normal
     axes = [-normal, -at.along_w, transforms.cross(normal, at.along_w)]
@@ -121,7 +119,7 @@ class LimbFrame(NamedTuple):
 
     start_w: FloatArray
     along_w: FloatArray
-    top_w: FloatArray
+    up_w: FloatArray
     outwards_w: FloatArray
     length_m: FloatArray
     radius_m: FloatArray
@@ -133,6 +131,6 @@ def limb_frame(state: State, limb: IntArray) -> LimbFrame:
     end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)
     length_m = norm(end_w - start_w)
     along_w = (end_w - start_w) / length_m[:, None]
-    top_w = transforms.normalize([0.0, 0.0, 1.0] - along_w * along_w[:, 2:])
-    outwards_w = transforms.cross(along_w, top_w)
-    return LimbFrame(start_w, along_w, top_w, outwards_w, length_m, state.person_radius_m[world, geom])
+    up_w = transforms.normalize([0.0, 0.0, 1.0] - along_w * along_w[:, 2:])
+    outwards_w = transforms.cross(along_w, up_w)
+    return LimbFrame(start_w, along_w, up_w, outwards_w, length_m, state.person_radius_m[world, geom])

@@ -111,7 +111,7 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
     at = limb_frame(state, limb)
     offset, length = state.tool_pos_w - at.start_w, at.length_m
     far: FloatArray = (offset * at.along_w).sum(axis=-1)
-    angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
+    angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.up_w).sum(axis=-1))
     share = np.clip((far - END_MARGIN_M) / (length - 2.0 * END_MARGIN_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
     past_end = np.clip(1.0 - to_elbow / END_MARGIN_M, 0.0, 1.0)

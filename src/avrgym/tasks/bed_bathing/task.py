@@ -21,7 +21,7 @@ from avrgym.tasks.bed_bathing.feedback_expert import wiping_target
 from avrgym.tasks.bed_bathing.reward import MARKERS, WEIGHTS, BedBathingState, evaluate_step, init_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
+from avrgym.tasks.person import ARM_SPREAD_RAD, move_above_sleeve
 from avrgym.tasks.task import Marks, Task, View, Views
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
@@ -53,7 +53,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
-    tool, tool_q = placement.tool_in_hand(scene, xp.tile(hand, (count, 1)), START_Q_W)
+    tool, tool_q = placement.tool_pose_in_hand(scene, xp.tile(hand, (count, 1)), START_Q_W)
     return placement.find_start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
@@ -73,7 +73,7 @@ def observation(scene: SceneConfig) -> Observation:
 def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
     """Positions of the remaining markers (N, 2 × ``MARKERS``, 3); world frame. The positions of all other markers are
     below the floor."""
-    drawn = above_sleeve(task_state.marker_pos)
+    drawn = move_above_sleeve(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = task_state.exists & ~task_state.wiped

@@ -17,7 +17,10 @@ from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, To
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-HELD_FROM_MOUNTED_W, HELD_FROM_FLOOR_W = np.array([0.985, 0.0, -0.174]), np.array([0.766, 0.0, 0.643])
+HAND_DIRECTION_MOUNTED_W, HAND_DIRECTION_FLOOR_W = (
+    np.array([0.985, 0.0, -0.174]),
+    np.array([0.766, 0.0, 0.643]),
+)
 """Direction from the arm to the robot's hand: outwards, 10° below the horizontal for a robot on the wheelchair, 40°
 above it for a robot on the floor. With these directions the robots reach the whole arm."""
 BEND_M = 0.06
@@ -41,7 +44,9 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines on which side of the arm
     the robot's hand is."""
     xp = namespace(along_w)
-    side = constant_like(HELD_FROM_FLOOR_W if scene.mount.on_floor else HELD_FROM_MOUNTED_W, along_w)
+    side = constant_like(
+        HAND_DIRECTION_FLOOR_W if scene.mount.on_floor else HAND_DIRECTION_MOUNTED_W, along_w
+    )
     across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
     x = -transforms.normalize(across)
     return transforms.from_matrix(xp.stack([x, along_w, transforms.cross(x, along_w)], axis=-1))
@@ -83,7 +88,7 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
     start_m = path.end_m - path.length_m
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)
-    place_w = path.begin_w[:, 0] + (part_m[..., None] * path.along_w).sum(axis=1)
+    place_w = path.start_w[:, 0] + (part_m[..., None] * path.along_w).sum(axis=1)
     share = np.clip((at_m[:, None] - path.end_m[:, :2]) / (2.0 * BEND_M) + 0.5, 0.0, 1.0)[..., None]
     along_w = path.along_w[:, 0] + (share * (path.along_w[:, 1:] - path.along_w[:, :-1])).sum(axis=1)
     return place_w, transforms.normalize(along_w)
@@ -100,4 +105,4 @@ class DressingExpert:
         """Returns the actions (N, A) of the next control step."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = drawing_target(state, task_state, self._planner)
-        return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)

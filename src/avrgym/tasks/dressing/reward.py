@@ -26,7 +26,7 @@ SHOULDER_REACH_M = 0.12
 """Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed. At smaller
 distances the inner side of the opening touches the torso, whose surface is about 0.1 m from the joint."""
 
-PLACES = ("wrist", "elbow", "shoulder")
+ARM_POINTS = ("wrist", "elbow", "shoulder")
 """Places that the opening passes."""
 
 WEIGHTS: Mapping[str, float] = {
@@ -58,11 +58,11 @@ class DressingState:
 class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
-    For each section: start point ``begin_w`` and direction ``along_w``, (N, 3, 3) each; length ``length_m``, and
+    For each section: start point ``start_w`` and direction ``along_w``, (N, 3, 3) each; length ``length_m``, and
     distance ``end_m`` of its end from the hand's centre along the arm, (N, 3) each.
     """
 
-    begin_w: FloatArray
+    start_w: FloatArray
     along_w: FloatArray
     length_m: FloatArray
     end_m: FloatArray
@@ -99,13 +99,13 @@ def init_state(people: People, uniforms: FloatArray) -> DressingState:
 def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -> StepResult:
     """Evaluate a step. The force elsewhere is the force of the robot's links and of the hoop."""
     xp, path = namespace(state.tool_pos_w), arm_path(state)
-    opening = opening_on_arm(state, path)
+    opening = locate_opening(state, path)
     dressed_m = xp.where(opening.around, opening.along_m, 0.0)
     most_m = xp.maximum(dressed_m, task_state.dressed_m)
     places_m = path.end_m - constant_like(np.array([0.0, 0.0, SHOULDER_REACH_M]), most_m)
     passed = xp.astype((most_m[:, None] >= places_m).sum(axis=-1), xp.int64)
     passed = xp.maximum(passed, task_state.passed)
-    to_hand_m = norm(opening.centre_w - path.begin_w[:, 0])
+    to_hand_m = norm(opening.centre_w - path.start_w[:, 0])
     distance_m = path.end_m[:, 2] - dressed_m + xp.where(opening.around, 0.0, to_hand_m)
     terms = {
         "distance_m": distance_m,
@@ -125,7 +125,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
 
 def is_dressed(task_state: DressingState) -> BoolArray:
     """Whether the opening has reached the shoulder (N,)."""
-    return task_state.passed == len(PLACES)
+    return task_state.passed == len(ARM_POINTS)
 
 
 def arm_path(state: State) -> ArmPath:
@@ -147,14 +147,14 @@ def arm_path(state: State) -> ArmPath:
     )
 
 
-def opening_on_arm(state: State, path: ArmPath) -> Opening:
+def locate_opening(state: State, path: ArmPath) -> Opening:
     """Returns the openings relative to the arms, at the section of the arm that is nearest to the opening's centre."""
     rim_w = state.cloth_pos_w[:, :VERTICES_PER_RING]
     centre_w = rim_w.mean(axis=1)
     nearest = nearest_on_path(centre_w, path)
     axis_w = path.along_w[row_indices(nearest.section), nearest.section]
-    ahead_m = ((centre_w - path.begin_w[:, 0]) * path.along_w[:, 0]).sum(axis=-1)
-    around = winds_around(rim_w, nearest.point_w, axis_w) & (ahead_m > 0.0)
+    ahead_m = ((centre_w - path.start_w[:, 0]) * path.along_w[:, 0]).sum(axis=-1)
+    around = is_around(rim_w, nearest.point_w, axis_w) & (ahead_m > 0.0)
     return Opening(centre_w, nearest.section, nearest.at_m, around)
 
 
@@ -164,17 +164,17 @@ def nearest_on_path(pos_w: FloatArray, path: ArmPath, *, extended: bool = False)
     With ``extended``, the first section continues in front of the hand.
     """
     xp = namespace(pos_w)
-    ahead_m = ((pos_w[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
+    ahead_m = ((pos_w[:, None] - path.start_w) * path.along_w).sum(axis=-1)
     lowest = constant_like(np.array([-np.inf if extended else 0.0, 0.0, 0.0]), pos_w)
     inside_m = xp.minimum(xp.maximum(ahead_m, lowest), path.length_m)
-    points_w = path.begin_w + inside_m[..., None] * path.along_w
+    points_w = path.start_w + inside_m[..., None] * path.along_w
     section = norm(pos_w[:, None] - points_w).argmin(axis=-1)
     row = row_indices(section)
     at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
     return PathPoint(points_w[row, section], section, at_m)
 
 
-def winds_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
+def is_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
     """Boolean mask (N,): closed polylines (N, R, 3) that wind around their axis. Each axis has a point (N, 3) and a
     unit direction (N, 3)."""
     xp, offset = namespace(rim_w), rim_w - point_w[:, None]

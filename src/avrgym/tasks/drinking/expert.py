@@ -10,7 +10,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import CUP_SHAPE, CupShape
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
+from avrgym.tasks.experts.head_clearance import clearance_shift_m, face_direction
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.task import RunningEpisodes
 
@@ -72,7 +72,7 @@ class DrinkingExpert:
             self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_TILT_RAD
         )
         into = planner.line_step(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
-        return planner.action_to(np.where(self._arrived[:, None], into, swing))
+        return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
         """Choose an approach that is fast and brings the rim near the mouth. Returns the approach and the joint angles
@@ -139,7 +139,7 @@ def at_mouth(
     lips_w = state.mouth_pos_w + POUR_FORWARD_M * back + POUR_ABOVE_M * UP
     pos_w = lips_w - _edge_w(np.zeros(3), q_w, approach, cup)
     rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], _rim(cup))
-    return pos_w + clearance_way_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
+    return pos_w + clearance_shift_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
 
 
 @cache

@@ -133,7 +133,7 @@ class MemoryExpert:
         too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -MAX_PENETRATION_M
         slowest = np.where(too_far, RETREAT_SPEED_M_S, MIN_SPEED_M_S)
         speed = np.clip(SPEED_GAIN_PER_S * norm(offset), slowest, MAX_SPEED_M_S)
-        return planner.action_toward(goal_w, q_w, speed, TURN_SPEED_RAD_S)
+        return planner.action_to_pose(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
 def _way(left_m: FloatArray, cup: CupShape = CUP_SHAPE) -> Approach:

@@ -13,7 +13,7 @@ from avrgym.models.cup import CUP_SHAPE, WATER, CupShape
 from avrgym.models.human import People
 from avrgym.simulation.worlds import State
 from avrgym.tasks.feeding.reward import strong_tool_force
-from avrgym.tasks.particles import GROUND_M, check_count, count_events, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count_events, particles_on_person
 from avrgym.tasks.task import StepResult
 
 MOUTH_RADIUS_M = 0.03
@@ -66,7 +66,7 @@ def evaluate_step(
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     spilled = drinkable & ~drunk & _fallen(state, cup)
-    on_person = touching_person(state, WATER.radius_m, outside & ~drunk & ~task_state.on_person)
+    on_person = particles_on_person(state, WATER.radius_m, outside & ~drunk & ~task_state.on_person)
     gone = drunk | (outside & (state.particle_pos_w[..., 2] < GROUND_M))
     after = DrinkingState(
         task_state.drunk | drunk,

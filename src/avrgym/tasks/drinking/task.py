@@ -19,10 +19,10 @@ from avrgym.tasks.drinking.feedback_expert import drinking_target
 from avrgym.tasks.drinking.memory_expert import MemoryExpert
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.observation import tool_at_the_mouth
+from avrgym.tasks.observation import mouth_task_observation
 from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
+from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
@@ -38,7 +38,7 @@ def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Initial states: the robot's hand is within ±5 cm of a point in front of the person, the cup upright."""
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
+    tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)
     return placement.find_start(
         scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
@@ -59,7 +59,7 @@ def drinking(settings: Settings = DEFAULTS) -> Task:
         num_uniforms=3 + placement.NUM_UNIFORMS,
         start=start,
         init_state=partial(init_state, particles=particles),
-        observation=tool_at_the_mouth,
+        observation=mouth_task_observation,
         weights=WEIGHTS,
         evaluate_step=partial(evaluate_step, cup=shape),
         expert=partial(DrinkingExpert, cup=shape),
@@ -67,7 +67,7 @@ def drinking(settings: Settings = DEFAULTS) -> Task:
         memory_expert=partial(MemoryExpert, cup=shape),
         views=Views(
             mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
-            on_floor=BESIDE_WHEELCHAIR,
+            on_floor=WHEELCHAIR_SIDE_VIEW,
         ),
         withdraws_after_success=True,
         variant=drinking,

@@ -36,7 +36,7 @@ class FeedbackPlanner(MotionPlanner):
         ends = LIMIT_MARGIN_SHARE * (upper - lower)
         self._middle = lower + ends, upper - ends
 
-    def relax(self) -> None:
+    def reset_posture(self) -> None:
         """Set the preferred posture to the present positions, clipped to the middle of the joint ranges."""
         self._update()
         self.posture = np.clip(self.joint_positions, *self._middle)
@@ -57,10 +57,10 @@ class FeedbackExpert:
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        self._planner.relax()
+        self._planner.reset_posture()
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)
-        return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m: float) -> FloatArray:
@@ -69,13 +69,13 @@ def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m
     return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
 
 
-def standoff_m(beside_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
+def standoff_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
     """Standoff (N,) from the goal for lateral offsets (N,), in metres.
 
     The standoff is 0 for offsets up to ``free_m``. For larger offsets the standoff increases linearly, to at most
     ``max_m``.
     """
-    return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, max_m)
+    return np.clip(STANDOFF_PER_OFFSET * (lateral_offset_m - free_m), 0.0, max_m)
 
 
 def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:

@@ -16,7 +16,7 @@ def face_direction(state: State) -> FloatArray:
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
 
-def clearance_way_m(
+def clearance_shift_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
     """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3). The shift gives them ``clearance_m`` (N,) from

@@ -56,7 +56,7 @@ class MotionPlanner:
         self._continue_from(self._simulation.joint_positions())
         self.posture = self.joint_positions
 
-    def action_toward(
+    def action_to_pose(
         self,
         target_pos_w: FloatArray,
         target_q_w: FloatArray,
@@ -67,7 +67,7 @@ class MotionPlanner:
 
         The tool moves as fast as the joints allow, up to the given speeds.
         """
-        return self.action_to(self.line_step(target_pos_w, target_q_w, speed_m_s, turn_rad_s))
+        return self.action_to_joint_positions(self.line_step(target_pos_w, target_q_w, speed_m_s, turn_rad_s))
 
     def line_step(
         self,
@@ -76,7 +76,7 @@ class MotionPlanner:
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Joint positions (N, J) of the next pose on the straight line to a target; see ``action_toward``."""
+        """Joint positions (N, J) of the next pose on the straight line to a target; see ``action_to_pose``."""
         self._update()
         step = target_pos_w - self.pos_w
         turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
@@ -99,7 +99,7 @@ class MotionPlanner:
         pos_w, q_w = self.pose(self.joint_positions + step)
         return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
-    def action_to(self, joint_positions: FloatArray) -> FloatArray:
+    def action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
         """Actions (N, A) that move the arms to joint positions (N, J) within the speed limits. All joints move in
         proportion. A driving base turns back to its direction at the start.
         """

@@ -7,7 +7,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
+from avrgym.tasks.experts.head_clearance import clearance_shift_m, face_direction
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
@@ -58,7 +58,7 @@ class FeedingExpert:
         there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
         self._clearance_m -= np.where(there & self._may_move_closer(state), CLOSER_STEP_M, 0.0)
         into = planner.line_step(target, self._q_w, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S)
-        return planner.action_to(np.where(self._arrived[:, None], into, swing))
+        return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
         """Choose the fastest reachable pose that brings most of the food into the mouth."""
@@ -114,4 +114,4 @@ def at_mouth(
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.outline)
     back = -face_direction(state)
-    return pos_w + clearance_way_m(outline_w, back, state, clearance_m)[:, None] * back
+    return pos_w + clearance_shift_m(outline_w, back, state, clearance_m)[:, None] * back

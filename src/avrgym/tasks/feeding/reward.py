@@ -12,7 +12,7 @@ from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M, Offset
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.particles import GROUND_M, check_count, count_events, touching_person
+from avrgym.tasks.particles import GROUND_M, check_count, count_events, particles_on_person
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
@@ -66,7 +66,9 @@ def evaluate_step(
     in_play = ~(task_state.eaten | task_state.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state, table_offset_m)
-    newly_on_person = touching_person(state, FOOD.radius_m, in_play & ~newly_eaten & ~task_state.on_person)
+    newly_on_person = particles_on_person(
+        state, FOOD.radius_m, in_play & ~newly_eaten & ~task_state.on_person
+    )
     after = FeedingState(
         task_state.eaten | newly_eaten,
         task_state.dropped | newly_dropped,

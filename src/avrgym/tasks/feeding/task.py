@@ -20,10 +20,10 @@ from avrgym.tasks.feeding.expert import FeedingExpert, food_of
 from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.feeding.memory_expert import MemoryExpert
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
-from avrgym.tasks.observation import tool_at_the_mouth
+from avrgym.tasks.observation import mouth_task_observation
 from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
+from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
@@ -48,7 +48,7 @@ def start(
         2.0 * uniforms[:, 0:3] - 1.0
     )
     hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)
+    tool, level = placement.tool_pose_in_hand(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
     return placement.find_start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
@@ -74,7 +74,7 @@ def feeding(settings: Settings = DEFAULTS) -> Task:
         num_uniforms=6 + placement.NUM_UNIFORMS,
         start=partial(start, offset_m=offset_m),
         init_state=partial(init_state, particles=len(food_of(tool))),
-        observation=tool_at_the_mouth,
+        observation=mouth_task_observation,
         weights=WEIGHTS,
         evaluate_step=partial(evaluate_step, table_offset_m=offset_m),
         expert=FeedingExpert,
@@ -82,7 +82,7 @@ def feeding(settings: Settings = DEFAULTS) -> Task:
         memory_expert=MemoryExpert,
         views=Views(
             mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
-            on_floor=BESIDE_WHEELCHAIR,
+            on_floor=WHEELCHAIR_SIDE_VIEW,
         ),
         withdraws_after_success=True,
         variant=feeding,

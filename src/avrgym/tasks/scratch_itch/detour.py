@@ -46,5 +46,5 @@ def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
     """
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)
-    turn_rad = feedback_expert.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
+    turn_rad = feedback_expert.hand_rotation_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
     return around_limb_m(state, task_state) + TIP_TO_HAND_M * norm(turn_rad)

@@ -82,7 +82,7 @@ class ScratchItchExpert:
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
         straight = planner.line_step(tip_w, q_w, speed, TURN_SPEED_RAD_S)
-        return planner.action_to(np.where(self._arrived[:, None], straight, swing))
+        return planner.action_to_joint_positions(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
         """Next tip position (N, 3) and rod rotation (N, 4)."""
@@ -94,7 +94,7 @@ class ScratchItchExpert:
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > CONTACT_FORCE_N)))
         inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
-        rubbed_w = rub(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
+        rubbed_w = rubbing_target(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
@@ -137,7 +137,7 @@ def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
     return angles[world, best], cost_s[world, best]
 
 
-def rub(
+def rubbing_target(
     state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: ForceControl
 ) -> FloatArray:
     """Next position (N, 3) of a tip that circles around the itch.

@@ -77,16 +77,16 @@ def blended_target(
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD)
-    turn_w = turn_rad(rod_w, out_w, in_front)
+    turn_w = hand_rotation_rad(rod_w, out_w, in_front)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), planner.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
-    skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
+    skin_w = limb_pos_w + transforms.rotate(limb_q_w, tip_target_around_limb(tool, task_state))
     goal_w = expert.tip(skin_w, out_w, rod_w)
     waits = (in_front * np.interp(norm(turn_w), ROTATION_RANGE_RAD, ZERO_TO_ONE))[:, None]
     goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M - goal_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
-    rubbed_w = expert.rub(state, task_state, planner.pos_w, rod_w, FORCE_CONTROL)
+    rubbed_w = expert.rubbing_target(state, task_state, planner.pos_w, rod_w, FORCE_CONTROL)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_SPEED_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.APPROACH_SPEED_M_S))
     leans = state.links_force_n > MAX_LINK_FORCE_N
@@ -101,7 +101,7 @@ def front_share(
     return np.interp(out_w[:, 0], inwards, ZERO_TO_ONE) * np.interp(out_w[:, 2], not_down, ZERO_TO_ONE)
 
 
-def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
+def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """Rotation vectors (N, 3) that rotate the rod until the hand has clearance; world frame.
 
     Args:
@@ -132,7 +132,7 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
 
 
-def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
+def tip_target_around_limb(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
     """Next tip position (N, 3) in the limb's frame: the tip moves around the limb above the skin until it is at the
     itch."""
     radius = norm(task_state.itch[:, :2])

@@ -66,7 +66,7 @@ class SwingToFront:
         if swings.any():
             swing = planner.joint_step(self._first + self._way, SWING_SPEED_M_S, np.pi)
             joint_positions = np.where(swings[:, None], swing, joint_positions)
-        return planner.action_to(joint_positions)
+        return planner.action_to_joint_positions(joint_positions)
 
     def _swing_progress(self) -> FloatArray:
         """Completed share (N,) of the swing."""

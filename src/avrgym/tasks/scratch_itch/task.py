@@ -19,7 +19,7 @@ from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
-from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
+from avrgym.tasks.person import ARM_SPREAD_RAD, move_above_sleeve
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
 from avrgym.tasks.scratch_itch.feedback_expert import scratching_target
@@ -58,7 +58,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     shoulder, elbow and wrist."""
     place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
+    tool, tool_q = placement.tool_pose_in_hand(scene, hand, SCRATCHER_Q_W)
     goals = placement.right_arm_joints_w(people, scene.posture)
     goals_q = namespace(goals).tile(constant_like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
     return placement.find_start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
@@ -86,7 +86,7 @@ def observation(scene: SceneConfig) -> Observation:
 def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
     """Position of the itch's mark (N, 1, 3); world frame."""
     limb_pos_w, limb_q_w = limb_frame(arm, task_state)
-    return (limb_pos_w + transforms.rotate(limb_q_w, above_sleeve(task_state.itch)))[:, None]
+    return (limb_pos_w + transforms.rotate(limb_q_w, move_above_sleeve(task_state.itch)))[:, None]
 
 
 MARKS = Marks(

@@ -24,7 +24,7 @@ from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, overlap_s, without_overlap
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
@@ -118,7 +118,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 def _untrained(environment_id: str) -> Policy:
     """Returns a network with random weights. It has the size of trained networks and needs the same computing time."""
-    size, actions = sizes(environment_id)
+    size, actions = observation_and_action_size(environment_id)
     random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
         weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(layers)),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.registry import sizes
+from avrgym.tasks.registry import observation_and_action_size
 
 PHASE_STEP_RAD = 0.2
 """Phase step of the wave in a control step."""
@@ -16,7 +16,7 @@ class WaveArm:
 
     def reset(self, seed: int, environment: str) -> None:
         """Reset for an environment such as "avrgym/FeedingJaco-v1". The seed determines all random numbers."""
-        _, self._joints = sizes(environment)
+        _, self._joints = observation_and_action_size(environment)
         self._random = np.random.default_rng(seed)
         self._steps = 0
 

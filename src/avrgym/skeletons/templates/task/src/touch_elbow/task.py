@@ -49,7 +49,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Initial states: the robot's hand is within ±5 cm of a point next to the elbow. The goal of the base search is the
     elbow."""
     hand_w = np.array(ROBOT_HAND_POS_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, TOOL_Q_W)
+    tool_w, tool_q_w = placement.tool_pose_in_hand(scene, hand_w, TOOL_Q_W)
     elbow_w = placement.right_arm_joints_w(people, scene.posture)[:, ELBOW]
     return placement.find_start(
         scene, people, {}, tool_w, tool_q_w, elbow_w[:, None], tool_q_w[:, None], uniforms[:, 3:]
