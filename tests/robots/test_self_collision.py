@@ -101,13 +101,13 @@ def test_links_that_touch_have_no_distance(name: str) -> None:
 def test_bases_have_clear_ways_to_the_goals(monkeypatch: pytest.MonkeyPatch) -> None:
     """With self-collision, the cost of the chosen base is not higher than without."""
     chosen: list[Any] = []
-    search = base_search.search
+    search = base_search.search_base_pose
 
     def recorded(*arguments: Any) -> Any:
         chosen.append((arguments[-1], search(*arguments)))
         return chosen[-1][1]
 
-    monkeypatch.setattr(placement.base_search, "search", recorded)
+    monkeypatch.setattr(placement.base_search, "search_base_pose", recorded)
     for on in (False, True):
         settings = Settings(self_collision=on, control_hz=20)
         episodes = Episodes("avrgym/ScratchItchPR2-v1", 3, num_threads=1, settings=settings)
