@@ -51,7 +51,8 @@ def describe_excess_draws(mean: float, maximum: int) -> str:
         return ""
     return (
         f"an initial state is drawn {mean:.1f} times on average and {maximum} times at most until it has no collision; "
-        f"allowed: {MAX_MEAN_DRAWS:g} on average: move the robot's mount or choose another seed pose"
+        f"allowed: {MAX_MEAN_DRAWS:g} on average: move the tool's start pose or the robot's mount, or choose another "
+        "seed pose"
     )
 
 
@@ -108,9 +109,13 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
     """Run ``check_starts`` for each environment of a robot. Returns the results by environment.
 
     Raises:
-        ValueError: for the first environment that fails.
+        ValueError: for the first environment that fails, and for a robot without environments.
     """
     own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
+    if not own:
+        raise ValueError(
+            f"{robot} has no environment; `avrgym envs` lists the environments and skipped packages"
+        )
     return {environment: check_starts(environment) for environment in own}
 
 
