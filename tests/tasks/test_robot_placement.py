@@ -178,20 +178,17 @@ def test_colliding_poses_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     assert is_collision_free("Feeding", JACO, random[:0]).shape == (0,)
 
 
-def test_the_page_s_search_finds_a_collision_free_seed_pose(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_page_s_search_finds_a_collision_free_seed_pose() -> None:
     """With Jaco where many poses are in the table, greatest isotropy alone chooses one of them."""
     page = (ROOT / "docs" / "how_to" / "add_a_robot.md").read_text()
     (search,) = (
         block for block in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "isotropy" in block
     )
-    monkeypatch.setattr(np, "degrees", np.asarray)
     mount = JACO.mounts["wheelchair"]
     moved = replace(mount, pos_w=(mount.pos_w[0] + 0.1, *mount.pos_w[1:]))
     robot = replace(JACO, mounts={**JACO.mounts, "wheelchair": moved})
     assert is_collision_free("Feeding", robot, best(search, robot)).all()
-    without = search.replace("angles = angles[is_collision_free", "# ")
+    without = search.replace("poses = poses[is_collision_free", "# ")
     assert not is_collision_free("Feeding", robot, best(without, robot)).any()
 
 
