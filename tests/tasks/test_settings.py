@@ -198,7 +198,7 @@ def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particle
         ("Feeding", {"particles": 9}, "particles is 9; allowed on a medium spoon: 1 to 8"),
         ("Feeding", {"tool": "mug"}, "unknown size of spoon .mug.; allowed: small, medium, large"),
         ("Drinking", {"particles": 1000}, "allowed for a cup: 1 to"),
-        ("BedBathing", {"particles": 5}, "BedBathing has no setting particles"),
+        ("BedBathing", {"particles": 5}, "BedBathing has no setting 'particles'"),
         ("Drinking", {"table_offset_m": [0.1, 0.0, 0.0]}, "no setting table_offset_m"),
         ("Drinking", {"served_arm": "left"}, "Drinking has no setting served_arm"),
         ("Drinking", {"bed_height_m": 0.6}, "no setting bed_height_m"),
