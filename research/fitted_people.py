@@ -28,7 +28,7 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.people import motor
 from avrgym.people.people_file import Estimate
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import ANY_VALUE, BOUNDS, apply_partner_bodies, parameters_of
+from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, apply_partner_bodies, parameters_of
 from avrgym.study.export.trials import completed_attempts
 from avrgym.study.sessions.simulation import draw_participant_traits, find_dry_run
 from avrgym.study.storage.store import Store
@@ -201,7 +201,7 @@ def refitted(
     rng = np.random.default_rng(SEED)
     sampled = {
         name: {
-            key: float(np.clip(rng.normal(*estimate), *BOUNDS.get(key, ANY_VALUE)))
+            key: float(np.clip(rng.normal(*estimate), *PARAMETER_BOUNDS.get(key, ANY_VALUE)))
             for key, estimate in own.items()
         }
         for name, own in estimates.items()
