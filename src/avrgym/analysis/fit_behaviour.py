@@ -378,7 +378,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
     rows = len(values)
     state = partner_behaviour.initial_state(people, parameters, np.full((rows, 4), 0.5))
     moved = motor.initial_state(people, None, parameters.speed_share, np.zeros((rows, 3)))
-    usual_follow, moved = moved.follow, _only(moved, _MOVING)
+    usual_follow, moved = moved.filter_gain, _only(moved, _MOVING)
     shown: list[FloatArray] = []
     targets_rad = state.rest_rad.copy()
     for now in zip(*perceived, strict=True):
@@ -387,13 +387,13 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
             replace(state, targets_rad=targets_rad), _Perceived(*now), motions[0].offered, motions[0].posture
         )
         startled = partner_behaviour.are_startled(state)
-        pace = np.where(startled, STARTLE_SPEED_FACTOR, moved.pace)
+        pace = np.where(startled, STARTLE_SPEED_FACTOR, moved.speed_factor)
         follow = np.where(startled[:, None], STARTLED_FOLLOW, usual_follow)
         moved = replace(
             moved,
             goal_rad=np.clip(goals, LOWER_RAD, UPPER_RAD)[:, _MOVING],
-            reach_rad=(PHYSICS_STEP_S * USUAL_SPEED_SHARE * pace)[:, None] * SPEED_RAD_S[_MOVING],
-            follow=follow[:, _MOVING],
+            max_step_rad=(PHYSICS_STEP_S * USUAL_SPEED_SHARE * pace)[:, None] * SPEED_RAD_S[_MOVING],
+            filter_gain=follow[:, _MOVING],
         )
         for tick in range(SUBSTEPS):
             if tick % _EVERY == 0:
@@ -405,7 +405,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
 
 def _only(state: motor.MotorState, joints: list[int]) -> motor.MotorState:
     """Returns the motor model of some joints, without rhythmic motion."""
-    names = ("goal_rad", "equilibrium_rad", "lagged_rad", "angles_rad", "reach_rad", "follow")
+    names = ("goal_rad", "equilibrium_rad", "filtered_rad", "angles_rad", "max_step_rad", "filter_gain")
     return replace(state, **{name: getattr(state, name)[:, joints] for name in names})
 
 
