@@ -57,8 +57,8 @@ and distances would measure jumps of the prediction."""
 _SEARCHED: Mapping[str, FloatArray] = {
     "reaction_s": 0.02 * np.arange(-10.0, 11.0),
     "speed_share": 0.05 * np.arange(-8.0, 9.0),
-    "startle_m": 0.005 * np.arange(-10.0, 11.0),
-    "startle_s": 0.05 * np.arange(-8.0, 9.0),
+    "startle_distance_m": 0.005 * np.arange(-10.0, 11.0),
+    "startle_duration_s": 0.05 * np.arange(-8.0, 9.0),
 }
 """Parameters on which predictions depend discontinuously or little, and changes that a search tries."""
 OUTLIER = 2.385
