@@ -87,7 +87,7 @@ class Program(typer.Typer):
 
 
 def _is_broken_off(end: BaseException) -> bool:
-    """Whether an interruption (Ctrl+C or a signal) ended the command."""
+    """Returns whether an interruption (Ctrl+C or a signal) ended the command."""
     return (
         isinstance(end, KeyboardInterrupt)
         or isinstance(end.__context__, typer.Abort)

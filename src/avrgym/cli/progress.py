@@ -79,7 +79,9 @@ class Bar:
         return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
-        """The progress as text: ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""
+        """Returns the progress as text: ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min
+        left``.
+        """
         task, per_s = self._task, self._rate.per_s
         done = f"{task.completed:.0f} {self._unit}"
         if task.total:

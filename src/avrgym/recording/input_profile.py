@@ -117,7 +117,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple(arm for arm in ARMS if arm in USED_ARMS.get(self.method, ()) and arm not in unusable)
 
     def needs(self, part: BodyPart) -> bool:
-        """Whether tracking of a body part can get lost. Resting and absent arms never count as lost."""
+        """Returns whether tracking of a body part can get lost. Resting and absent arms never count as lost."""
         return part == "head" or part in self.used_arms
 
     def describe(self) -> str:

@@ -108,7 +108,7 @@ def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_S
 
 
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
-    """Whether a clock reset explains that the smallest delay changes from ``before_s`` to ``after_s``.
+    """Returns whether a clock reset explains that the smallest delay changes from ``before_s`` to ``after_s``.
 
     A late sample looks like a forward jump of the clock. For irregular samples, only a sample from the future (a
     negative delay) proves a reset.

@@ -78,7 +78,7 @@ class Cluster:
         return self.max_jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
 
     def several_computers(self) -> bool:
-        """Whether the cluster has nodes on other computers."""
+        """Returns whether the cluster has nodes on other computers."""
         names = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
         return names != {socket.gethostname()}
 

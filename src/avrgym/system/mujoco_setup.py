@@ -49,7 +49,7 @@ def check_rendering_backend() -> None:
 
 
 def _can_load(library: str) -> bool:
-    """Whether a shared library can be loaded by one of the names that PyOpenGL tries."""
+    """Returns whether a shared library can be loaded by one of the names that PyOpenGL tries."""
     for name in (f"lib{library}.so", *(f"lib{library}.so.{version}" for version in reversed(range(10)))):
         try:
             ctypes.CDLL(name)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def is_running(process: int) -> bool:
-    """Whether a process with this id is running; ``True`` if this cannot be determined.
+    """Returns whether a process with this id is running; ``True`` if this cannot be determined.
 
     On Linux, a zombie process counts as not running.
     """

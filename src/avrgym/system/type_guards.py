@@ -5,10 +5,10 @@ from typing import Any, TypeGuard
 
 
 def is_table(value: object) -> TypeGuard[dict[str, Any]]:
-    """Whether a value is a JSON object or a TOML table."""
+    """Returns whether a value is a JSON object or a TOML table."""
     return isinstance(value, dict)
 
 
 def is_array(value: object) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is a JSON or TOML array (a list or a tuple)."""
+    """Returns whether a value is a JSON or TOML array (a list or a tuple)."""
     return isinstance(value, list | tuple)

@@ -20,7 +20,7 @@ MIN_FRAMES = 30
 
 
 def is_ready(check: HeadsetCheck) -> bool:
-    """Whether a session may begin."""
+    """Returns whether a session may begin."""
     return not faults(check)
 
 

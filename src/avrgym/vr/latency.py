@@ -22,7 +22,7 @@ SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
 def is_complete(latency: Latency) -> bool:
-    """Whether every frame has an entry for each stage."""
+    """Returns whether every frame has an entry for each stage."""
     return all(len(getattr(latency, stage)) == len(latency.sequence) for stage in STAGES)
 
 

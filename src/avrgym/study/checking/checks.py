@@ -57,13 +57,13 @@ def check_study(store: Store) -> list[Finding]:
 
 
 def check_participants(store: Store) -> Iterator[Finding]:
-    """Findings about missing recordings and answers, and about differences between recordings and database."""
+    """Yields findings about missing recordings and answers, and about differences between recordings and database."""
     for participant in store.participants():
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
 
 def check_stray_files(store: Store) -> Iterator[Finding]:
-    """Findings about files in the recordings folder that belong to no attempt."""
+    """Yields findings about files in the recordings folder that belong to no attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
     gone = {pseudonym_of(each.number) for each in store.tombstones()}  # another check reports them
@@ -74,12 +74,12 @@ def check_stray_files(store: Store) -> Iterator[Finding]:
 
 
 def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
-    """Whether the file belongs to a participant with one of these pseudonyms."""
+    """Returns whether the file belongs to a participant with one of these pseudonyms."""
     return name.split("/")[1] in pseudonyms
 
 
 def _check_stray(store: Store, name: str) -> Finding:
-    """The finding about a file that belongs to no attempt. A killed session can leave such a file."""
+    """Returns the finding about a file that belongs to no attempt. A killed session can leave such a file."""
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
     own = name.rpartition("/")[0] in {session.folder for session in sessions}
     if own and not _is_completed(store.folder / name):
@@ -95,12 +95,12 @@ def _is_completed(path: Path) -> bool:
 
 
 def check_due(store: Store) -> Iterator[Finding]:
-    """Findings about data whose retention period has ended."""
+    """Yields findings about data whose retention period has ended."""
     return (Finding("retention", words, is_error=False) for words in describe_due(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
-    """Findings about policies that cannot be loaded."""
+    """Yields findings about policies that cannot be loaded."""
     return (Finding(f"policy {name}", fault) for name, fault in policy_errors(store))
 
 
@@ -138,7 +138,7 @@ def _check_participant(
 
 
 def _check_session(store: Store, session: StudySession, design: Design) -> Iterator[Finding]:
-    """A finding about unanswered items of an ended session.
+    """Yields a finding about unanswered items of an ended session.
 
     After a crash, the next session asks these items. Of the interrupted sessions, only the last session is checked.
     """
@@ -189,7 +189,7 @@ def _check_attempt(
 
 
 def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
-    """The finding about missing answers to the questionnaire after a completed trial."""
+    """Returns the finding about missing answers to the questionnaire after a completed trial."""
     with store.database.read() as connection:
         opened, still_open = (
             had_open_questionnaire(connection, attempt),
@@ -203,7 +203,7 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
-    """The reason why the merge omitted this recording; empty if it was not omitted."""
+    """Returns the reason why the merge omitted this recording; empty if it was not omitted."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, attempt=attempt.id)
     return next((event.detail for event in events if event.name == RECORDING_LEFT_OUT), "")
@@ -243,7 +243,7 @@ def _check_recording(
 
 
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
-    """The name and the sample times of each recorded stream from another device."""
+    """Yields the name and the sample times of each recorded stream from another device."""
     return (
         (name, stream_sample_times(recording.topics, name))
         for name in sorted(streams_by_name(recording.topics))
@@ -259,12 +259,14 @@ def _jumped(stream: str, times: SampleTimes) -> str:
 
 
 def _common_metrics(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
-    """Steps, reward and success: they must be equal in database and recording. Durations may differ."""
+    """Returns the steps, reward and success: they must be equal in database and recording. Durations may differ."""
     return metrics.steps, metrics.reward, metrics.success
 
 
 def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Mapping[str, Any]:
-    """Values of an attempt in the database, by name. The attempt's recording must contain the same values."""
+    """Returns the values of an attempt in the database, by name. The attempt's recording must contain the same
+    values.
+    """
     values = {
         "environment": trial.environment,
         "policy": trial.policy,
@@ -278,7 +280,9 @@ def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Ma
 def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[StudyAnswer]
 ) -> Iterator[str]:
-    """Names of values that are different in recording and database. A truncated recording may lack answers."""
+    """Yields the names of values that are different in recording and database. A truncated recording may lack
+    answers.
+    """
     configuration = recording.configuration
     recorded_values = {
         "environment": configuration.environment,
@@ -296,7 +300,7 @@ def _differences(
 
 
 def _files(store: Store) -> list[str]:
-    """Paths of all files and symbolic links in the recordings folder, relative to the study's folder."""
+    """Returns the paths of all files and symbolic links in the recordings folder, relative to the study's folder."""
     found: list[str] = []
     for folder, folders, files in os.walk(store.folder / RECORDINGS):
         links = [name for name in folders if (Path(folder) / name).is_symlink()]

@@ -14,7 +14,9 @@ from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
-    """Findings about different texts with the same version, changed texts, and consents without an archived text."""
+    """Yields findings about different texts with the same version, changed texts, and consents without an archived
+    text.
+    """
     with store.database.read() as connection:
         consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
     for kept in archive:
@@ -35,7 +37,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
 def _check_present_texts(
     store: Store, consents: list[Consent], archive: list[ConsentText]
 ) -> Iterator[Finding]:
-    """Findings about languages in which participants read another text with the design's consent version."""
+    """Yields findings about languages in which participants read another text with the design's consent version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
         shown = current_text(store, language)
@@ -49,7 +51,7 @@ def _check_present_texts(
 
 
 def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
-    """Findings about different texts with the same version at one site. Texts may differ between sites."""
+    """Yields findings about different texts with the same version at one site. Texts may differ between sites."""
     words = {kept.sha256: normalize_whitespace(kept.text) for kept in archive}
     read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
     for each in consents:

@@ -25,7 +25,7 @@ _PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYS
 
 
 def check_database(store: Store) -> Iterator[Finding]:
-    """Findings about changes by other programs, damage, rebuilds, and accepted differences between sites."""
+    """Yields findings about changes by other programs, damage, rebuilds, and accepted differences between sites."""
     for where, message in store.database.faults():
         yield Finding(where, message)
     for event in store.events():
@@ -38,7 +38,7 @@ def check_database(store: Store) -> Iterator[Finding]:
 
 
 def check_private(store: Store) -> Iterator[Finding]:
-    """Findings about file permissions, temporary files and the identity file."""
+    """Yields findings about file permissions, temporary files and the identity file."""
     for path in exposed_paths(store.folder / identity_file.FOLDER):
         yield Finding(str(path.relative_to(store.folder)), "can be read by other users")
     for name in _PRIVATE:
@@ -89,7 +89,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
 
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
-    """Findings about unencrypted names."""
+    """Yields findings about unencrypted names."""
     plain = identity_file.plain_path(store.folder)
     if plain is None:
         return

@@ -53,7 +53,9 @@ class Difference:
 
 
 def check_design(store: Store) -> Iterator[Finding]:
-    """Findings about differences between the current design, the designs of sessions and admissions, and recordings."""
+    """Yields findings about differences between the current design, the designs of sessions and admissions, and
+    recordings.
+    """
     sessions = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), sessions):
         is_error = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
@@ -68,7 +70,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """A finding about sessions of earlier versions of AVR Gym: the database does not contain their designs."""
+    """Yields a finding about sessions of earlier versions of AVR Gym: the database does not contain their designs."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:
@@ -80,7 +82,7 @@ def check_stored_designs(store: Store) -> Iterator[Finding]:
 def differences_of(
     design: Design, wordings: Wordings | None, sessions: Sequence[SessionDesign]
 ) -> list[Difference]:
-    """All differences between a design with its texts (``wordings``) and the designs of sessions."""
+    """Returns all differences between a design with its texts (``wordings``) and the designs of sessions."""
     found: dict[str, Difference] = {}
     known: dict[bytes, list[Difference]] = {}
     for entry in sessions:
@@ -105,13 +107,13 @@ def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:
-    """Names and values of the design fields that affect sessions."""
+    """Returns the names and values of the design fields that affect sessions."""
     before = (*ADMISSION_FIELDS, CONSENT_FIELD)
     return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 
 def _both(a: Design, b: Design) -> set[str]:
-    """The sentences for participants that both designs contain."""
+    """Returns the sentences for participants that both designs contain."""
     first, second = (
         {normalize_whitespace(each) for each in participant_sentences(design)} for design in (a, b)
     )
@@ -126,7 +128,9 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
-    """Findings about differences between the current inclusion questions and those that participants answered."""
+    """Yields findings about differences between the current inclusion questions and those that participants
+    answered.
+    """
     for (place, here, there), people in admission_differences(store, store.design, ADMISSION_FIELDS):
         message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
@@ -151,7 +155,7 @@ def admission_differences(
 
 
 def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterator[Finding]:
-    """Findings about differences between recordings and the stored design of their session.
+    """Yields findings about differences between recordings and the stored design of their session.
 
     Different furniture is not an error; all other differences are errors.
     """

@@ -17,7 +17,7 @@ class ExcludedTrial(Finding):
 
 
 def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
-    """The finding that a participant's trial is excluded, with the reason ``why``."""
+    """Returns the finding that a participant's trial is excluded, with the reason ``why``."""
     return ExcludedTrial(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

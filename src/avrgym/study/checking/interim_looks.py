@@ -13,7 +13,7 @@ RESULTS = "results"
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """One finding for all interim looks of one person at the same number of completed participants.
+    """Yields one finding for all interim looks of one person at the same number of completed participants.
 
     The planned number of participants is the larger of ``planned`` and the design's number at the time of the look.
     """
@@ -35,7 +35,9 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:
-    """Whether the log entry is a view of results before the planned number of participants completed the study."""
+    """Returns whether the log entry is a view of results before the planned number of participants completed the
+    study.
+    """
     if entry.completed is None or entry.planned is None:
         return False
     return entry.completed < max(planned, entry.planned)

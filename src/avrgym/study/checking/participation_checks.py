@@ -15,7 +15,7 @@ from avrgym.system.files import user_data_folder
 
 
 def check_participation(store: Store) -> Iterator[Finding]:
-    """Findings about the participation list, and about differences between list, database and recordings."""
+    """Yields findings about the participation list, and about differences between list, database and recordings."""
     yield from _check_list(store)
     yield from _check_events(store)
     for participant in store.participants():
@@ -55,7 +55,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """A note if the list was begun after the first enrolment."""
+    """Yields a note if the list was begun after the first enrolment."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.without_participant[0]["detail"]
@@ -66,7 +66,9 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """Notes about restored states of participants, older copies of the study, and confirmed participation."""
+    """Yields the notes about restored states of participants, older copies of the study, and confirmed
+    participation.
+    """
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
@@ -83,7 +85,7 @@ _CLOCK = timedelta(minutes=1)
 
 
 def list_error(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
-    """The error of the participation list, such as "is missing"; empty if the list is valid.
+    """Returns the error of the participation list, such as "is missing"; empty if the list is valid.
 
     ``beginnings``: start time of each participant's first recording, by participant number.
     """
@@ -99,7 +101,7 @@ def list_error(store: Store, listed: Participation | None, beginnings: Mapping[i
 
 
 def restored_recordings_message(deleted_at: str) -> str:
-    """Error message for a deleted participant whose recordings exist again, for example from a backup."""
+    """Returns the error message for a deleted participant whose recordings exist again, for example from a backup."""
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
         "`avrgym study delete-participant` removes them"

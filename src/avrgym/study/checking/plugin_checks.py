@@ -28,12 +28,16 @@ class RecordedPlugin:
 
 
 def check_plugins(store: Store) -> Iterator[Finding]:
-    """Findings about plug-ins that differ between completed trials, or between the trials and this installation."""
+    """Yields findings about plug-ins that differ between completed trials, or between the trials and this
+    installation.
+    """
     return plugin_findings(_recorded(store))
 
 
 def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
-    """Findings about different plug-ins. Trials of people and of simulated participants are compared separately."""
+    """Yields findings about different plug-ins. Trials of people and of simulated participants are compared
+    separately.
+    """
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
         groups[each.label, each.simulated].append(each)
@@ -67,7 +71,7 @@ def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
 def recorded_plugins(
     configuration: Configuration, participant: str, position: int, *, simulated: bool
 ) -> Iterator[RecordedPlugin]:
-    """The plug-ins in the recorded configuration of a trial."""
+    """Yields the plug-ins in the recorded configuration of a trial."""
     now = _present(configuration)
     for plugin in sorted(configuration.plugins, key=lambda plugin: plugin.label):
         present = str(now.get(plugin.label, "no plug-in here"))
@@ -75,7 +79,7 @@ def recorded_plugins(
 
 
 def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
-    """The installed plug-ins for the trial's environment and policy, by label."""
+    """Returns the installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
     controller = controllers.used_plugin(configuration.policy)
@@ -83,7 +87,7 @@ def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
 
 
 def _recorded(store: Store) -> Iterator[RecordedPlugin]:
-    """The plug-ins of all completed trials with a readable recording."""
+    """Yields the plug-ins of all completed trials with a readable recording."""
     for participant in store.participants():
         positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
         for attempt in store.attempts(participant.pseudonym):

@@ -44,7 +44,7 @@ class UsedPolicy:
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
-    """The current file of each policy of the design."""
+    """Returns the current file of each policy of the design."""
     return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
 
 
@@ -59,7 +59,9 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """Source of a policy as text, and the policy's file, if any. Raises ``PolicyError`` for a missing policy."""
+    """Returns the source of a policy as text, and the policy's file, if any. Raises ``PolicyError`` for a missing
+    policy.
+    """
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
     if source in packaged:
@@ -72,7 +74,9 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 
 def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
-    """The policy files that sessions used, by environment and policy. Files of a policy are in order of first use."""
+    """Returns the policy files that sessions used, by environment and policy. Files of a policy are in order of first
+    use.
+    """
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for entry in session_designs(store):
@@ -93,7 +97,7 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
 
 
 def check_policies_used(store: Store) -> Iterator[Finding]:
-    """Findings about policies whose files differ between sessions, or whose current file no session used."""
+    """Yields findings about policies whose files differ between sessions, or whose current file no session used."""
     used = policies_used(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():
@@ -112,5 +116,5 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
 
 
 def policy_file_text(file: PolicyFile) -> str:
-    """Source and checksum of a policy file as text."""
+    """Returns the source and checksum of a policy file as text."""
     return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

@@ -31,7 +31,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:
-    """All pairs of environment and policy in the design's trials and practice trials."""
+    """Returns all pairs of environment and policy in the design's trials and practice trials."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
     return [
@@ -41,7 +41,7 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
 
 
 def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
-    """The installed plug-ins that the design's trials and practice trials use."""
+    """Returns the installed plug-ins that the design's trials and practice trials use."""
     found: set[UsedPlugin] = set()
     for environment, name in policies_needed(store):
         found |= {*plugins_of(environment)}
@@ -51,7 +51,7 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
 
 
 def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
-    """Name and error message of each policy that cannot be loaded."""
+    """Yields the name and error message of each policy that cannot be loaded."""
     for environment, name in policies_needed(store):
         try:
             load_study_policy(store, environment, name)
@@ -60,7 +60,7 @@ def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
 
 
 def check_starts(store: Store) -> Iterator[Finding]:
-    """Findings about environments in which a body has no valid initial state, or too many rejected samples.
+    """Yields findings about environments in which a body has no valid initial state, or too many rejected samples.
 
     A few initial states are sampled with the shortest and with the tallest body that calibration accepts.
     """

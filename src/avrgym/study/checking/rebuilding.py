@@ -189,7 +189,7 @@ class _Rebuilding:
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
     ) -> dict[int, Plan]:
-        """The trial plans that match the recordings, by cell of the design.
+        """Returns the trial plans that match the recordings, by cell of the design.
 
         If the participation list contains the participant's cell, only this cell is considered.
         """
@@ -205,7 +205,7 @@ class _Rebuilding:
         return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, recorded_attempts)}
 
     def _load_visits(self, number: int) -> dict[str, list[_RecordedAttempt]]:
-        """The readable recordings of each session in order of file names, by the session's folder name."""
+        """Returns the readable recordings of each session in order of file names, by the session's folder name."""
         visits: dict[str, list[_RecordedAttempt]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
             loaded = [self._load(path) for path in sorted(folder.glob("*.mcap"))]
@@ -257,7 +257,7 @@ class _Rebuilding:
             hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _known_state(self, content: Content | None) -> str:
-        """The participant's state in the list; ``UNKNOWN`` if the list is invalid."""
+        """Returns the participant's state in the list; ``UNKNOWN`` if the list is invalid."""
         return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
@@ -385,7 +385,9 @@ def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
 
 
 def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
-    """The plan with the recorded practice robots and seeds: earlier versions of AVR Gym sampled other values."""
+    """Returns the plan with the recorded practice robots and seeds: earlier versions of AVR Gym sampled other
+    values.
+    """
     recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(
         _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial

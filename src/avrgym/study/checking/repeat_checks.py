@@ -21,7 +21,7 @@ Block = tuple[int, int, int]
 
 
 def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
-    """Exact two-sided p-value of ``drawn_in_group``, the number of selected units in a group.
+    """Returns the exact two-sided p-value of ``drawn_in_group``, the number of selected units in a group.
 
     Under the null hypothesis, all units of a block are equally likely to be selected. The number is then a sum of
     hypergeometric variables, one for each block. p is the total probability of all sums that are not more likely than
@@ -35,7 +35,7 @@ def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
-    """Hypergeometric probabilities that 0, 1, …, ``drawn`` of the selected units are in the group."""
+    """Returns the hypergeometric probabilities that 0, 1, …, ``drawn`` of the selected units are in the group."""
     return [
         comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
         for hits in range(drawn + 1)
@@ -49,7 +49,7 @@ POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
-    """Findings about repeats of people's trials, or of simulated participants' trials in a study without people.
+    """Yields findings about repeats of people's trials, or of simulated participants' trials in a study without people.
 
     ``limit`` replaces the design's ``max_repeats``.
     """
@@ -58,7 +58,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
 
 
 def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
-    """Findings about the repeats of these trials. ``limit``: maximum number of repeats of a trial."""
+    """Yields findings about the repeats of these trials. ``limit``: maximum number of repeats of a trial."""
     if limit is not None:
         yield from _too_many(trials, limit)
     yield from _by_condition(trials, design)
@@ -66,13 +66,13 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
 
 
 def tested_trials(store: Store) -> list[AttemptedTrial]:
-    """The trials of people, or of simulated participants if there are no people."""
+    """Returns the trials of people, or of simulated participants if there are no people."""
     simulated = is_simulated(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 
 
 def is_simulated(store: Store) -> bool:
-    """Whether all participants of a study are simulated."""
+    """Returns whether all participants of a study are simulated."""
     return all(each.simulated for each in [*store.participants(), *store.tombstones()])
 
 
@@ -91,7 +91,9 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Findings about policies with more or fewer repeats. If there are none, pairs of robot and policy are compared."""
+    """Yields findings about policies with more or fewer repeats. If there are none, pairs of robot and policy are
+    compared.
+    """
 
     def policy(each: AttemptedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
@@ -128,7 +130,7 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
-    """A finding if repeats of finished first attempts depend on the outcome."""
+    """Yields a finding if repeats of finished first attempts depend on the outcome."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _is_first_repeated)
     if p > OUTCOME_ALPHA:
@@ -147,7 +149,8 @@ def _p(
     in_group: Callable[[AttemptedTrial], bool],
     drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
-    """p-value of the exact test whether trials in a group are selected (``drawn``) more or less often than others.
+    """Returns the p-value of the exact test whether trials in a group are selected (``drawn``) more or less often than
+    others.
 
     The test is stratified by participant and task.
     """

@@ -84,7 +84,7 @@ class AttemptedTrial:
 
 
 def attempted_trials(store: Store) -> list[AttemptedTrial]:
-    """All trials with an attempt, except practice trials, ordered by participant and position."""
+    """Returns all trials with an attempt, except practice trials, ordered by participant and position."""
     causes = _Causes(store)
     return [
         AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
@@ -131,7 +131,7 @@ class _Causes:
         return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
-        """The last command in the log that can have ended the attempt; ``None`` if there is none."""
+        """Returns the last command in the log that can have ended the attempt; ``None`` if there is none."""
         ended_at = attempt.ended_at or ""
         fitting = [
             entry
@@ -157,7 +157,7 @@ class _Causes:
         return self._without_event(attempt, after)
 
     def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
-        """The cause of an interruption that no event explains, from the events after it."""
+        """Returns the cause of an interruption that no event explains, from the events after it."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):
             return PARTICIPANT, "left VR"
@@ -169,7 +169,8 @@ class _Causes:
         return UNKNOWN, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
-        """The attempt's last event before its end (as a list), and the events after its end up to the next phase.
+        """Returns the attempt's last event before its end (as a list), and the events after its end up to the next
+        phase.
 
         Both lists are empty if the end of the attempt is not stored.
         """

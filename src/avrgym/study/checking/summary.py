@@ -59,7 +59,7 @@ class StudySummary:
 
 
 def summarise_study(store: Store) -> StudySummary:
-    """The current progress of a study."""
+    """Returns the current progress of a study."""
     with store.database.read() as connection:
         participants = find_all(connection, Participant)
         deleted = len(find_all(connection, Tombstone))
@@ -90,7 +90,9 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
-    """Numbers of sessions, trials, attempts, answers and open questionnaires, each by participant number."""
+    """Returns the numbers of sessions, trials, attempts, answers and open questionnaires, each by participant
+    number.
+    """
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
     completed = find_all(connection, TrialAttempt, state="completed")
@@ -144,7 +146,7 @@ class ConditionResults:
 def summarise_results(
     store: Store, answered_items: AnsweredItems | None = None
 ) -> tuple[ConditionResults, ...]:
-    """The current results for each condition, from trials of allocated and completed participants.
+    """Returns the current results for each condition, from trials of allocated and completed participants.
 
     ``answered_items``: the items that participants answered; by default, they are read from the study.
     """

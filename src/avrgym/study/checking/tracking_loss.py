@@ -8,7 +8,7 @@ from avrgym.vr.tracking.freshness import STALE_S
 
 
 def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> float | None:
-    """Share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
+    """Returns the share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
     A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if the whole
     frame, or one body part in it, is stale or rejected. With ``part``, only this body part is considered.
@@ -27,7 +27,9 @@ def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> f
 
 
 def describe_excess_loss(recording: Recording, design: Design) -> str | None:
-    """Why a trial is excluded for tracking loss, with the share of each body part; ``None`` if it is not excluded."""
+    """Returns the reason why a trial is excluded for tracking loss, with the share of each body part; ``None`` if it is
+    not excluded.
+    """
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None

@@ -355,7 +355,7 @@ def dashboard_app(
     addresses: Callable[[str], Sequence[str]] = lambda link: (f"/#token={link}",),
     caregiver_addresses: Callable[[str], Sequence[str]] = lambda link: (f"/caregiver#token={link}",),
 ) -> FastAPI:
-    """The web application of a study, to be mounted at ``/study``.
+    """Returns the web application of a study, to be mounted at ``/study``.
 
     Args:
         store: the study. All views and actions are added to its audit log.
@@ -442,7 +442,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 
 async def _body(request: Request, kind: type[B]) -> B:
-    """The decoded request body. Error messages contain no values, because values may be names of people."""
+    """Returns the decoded request body. Error messages contain no values, because values may be names of people."""
     data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)

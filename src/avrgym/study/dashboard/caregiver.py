@@ -38,7 +38,9 @@ class CaregiverAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> FastAPI:
-    """The web application for the caregiver of the running or latest session. It accepts only the caregiver's link."""
+    """Returns the web application for the caregiver of the running or latest session. It accepts only the caregiver's
+    link.
+    """
 
     def caregiver_only(request: Request) -> None:
         caller = tokens.bearer(request.headers)
@@ -74,7 +76,7 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
 
 def caregiver_items(store: Store, session_id: int) -> list[dict[str, Any]]:
-    """The caregiver's items in the participant's language, with the answers so far."""
+    """Returns the caregiver's items in the participant's language, with the answers so far."""
     with store.database.read() as connection:
         session = find_session(connection, session_id)
     texts = participant_texts(store, store.participant(pseudonym_of(session.participant)))

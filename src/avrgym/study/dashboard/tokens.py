@@ -37,7 +37,7 @@ class StudyTokens(Tokens):
         )
 
     def caller(self, token: str) -> Caller | None:
-        """Role and experimenter of a token; ``None`` for an invalid token."""
+        """Returns the role and experimenter of a token; ``None`` for an invalid token."""
         if self.links.opens(token):
             return Caller("participant")
         if self.caregiver_links.opens(token):
@@ -47,7 +47,9 @@ class StudyTokens(Tokens):
         return None if found == Caller("participant") else found
 
     def refusal(self, token: str) -> Refusal:
-        """Why a token is rejected. For the ended link of a participant, the reason is in the participant's language."""
+        """Returns the reason why a token is rejected. For the ended link of a participant, the reason is in the
+        participant's language.
+        """
         if not token:
             return ENTER_CODE
         language = self.links.language_of_ended(token) or self.caregiver_links.language_of_ended(token)

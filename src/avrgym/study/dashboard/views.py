@@ -54,7 +54,9 @@ class SessionLink:
 
 
 def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
-    """Access to the running session; ``None`` without one. ``addresses`` returns the addresses that contain a link."""
+    """Returns the access to the running session; ``None`` without one. ``addresses`` returns the addresses that contain
+    a link.
+    """
     link, code = links.link, links.code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
@@ -185,7 +187,7 @@ def overview(
     link: SessionLink | None = None,
     caregiver_addresses: tuple[str, ...] = (),
 ) -> Overview:
-    """The overview of a study; ``live``: pseudonym of the running session's participant."""
+    """Returns the overview of a study; ``live``: pseudonym of the running session's participant."""
     design = store.design
     return Overview(
         summary=summarise_study(store),
@@ -204,7 +206,7 @@ def overview(
 
 
 def results_view(store: Store) -> Results:
-    """The results of completed trials for each condition."""
+    """Returns the results of completed trials for each condition."""
     answered_items = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
@@ -214,7 +216,7 @@ def results_view(store: Store) -> Results:
 
 
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
-    """The view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
+    """Returns the view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
     input_profile = participant.input_profile or CONTROLLERS
@@ -258,7 +260,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 
 
 def _short(store: Store) -> Iterator[str]:
-    """A warning if disk space is low."""
+    """Yields a warning if disk space is low."""
     free = shutil.disk_usage(store.folder).free
     if free < MIN_FREE_BYTES:
         yield (
@@ -268,7 +270,7 @@ def _short(store: Store) -> Iterator[str]:
 
 
 def _due(store: Store) -> Iterator[str]:
-    """A sentence for each kind of data whose retention period has ended."""
+    """Yields a sentence for each kind of data whose retention period has ended."""
     return (f"Retention: {words}." for words in describe_due(store, today()))
 
 

@@ -25,7 +25,7 @@ class PlannedTrial:
 
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
-    """The order of trials in each cell of the design."""
+    """Returns the order of trials in each cell of the design."""
     return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
@@ -37,7 +37,7 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
 def least_filled_cell(
     order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
 ) -> int:
-    """The cell for the next participant: the least filled cell at the participant's site.
+    """Returns the cell for the next participant: the least filled cell at the participant's site.
 
     Args:
         order: all cells; among equally filled cells, the first in this order is returned.
@@ -50,7 +50,7 @@ def least_filled_cell(
 
 
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
-    """The order in which a site fills the cells of the design.
+    """Returns the order in which a site fills the cells of the design.
 
     The order differs between sites, because sites with few participants should fill different cells.
     """
@@ -64,7 +64,7 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
 def plan_trials(
     design: Design, cell: int, participant: int, site: str | None = None
 ) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant: for each task, a practice trial, then the task's trials.
+    """Returns all trials of a participant: for each task, a practice trial, then the task's trials.
 
     Practice robots and trial seeds differ between participants; both depend on the design's seed.
     """
@@ -80,7 +80,7 @@ def plan_trials(
 
 
 def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
-    """The participant's practice robot for each task of the design; ``participant`` is a number from 1.
+    """Returns the participant's practice robot for each task of the design; ``participant`` is a number from 1.
 
     Robots are random and balanced. With R robots, each group of R successive participants practises a task with R
     different robots. For each participant, the numbers of practice trials per robot differ by at

@@ -22,20 +22,20 @@ Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
-    """The design as a dictionary for the database, without the fields ``NOT_COMPARED``."""
+    """Returns the design as a dictionary for the database, without the fields ``NOT_COMPARED``."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
     return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
-    """The design from a dictionary. Unknown fields, from other versions of AVR Gym, are ignored."""
+    """Returns the design from a dictionary. Unknown fields, from other versions of AVR Gym, are ignored."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
 
 
 def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
-    """The texts for participants in each language of a design. Raises ``TextsError`` for an invalid file."""
+    """Returns the texts for participants in each language of a design. Raises ``TextsError`` for an invalid file."""
     return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
 
 
@@ -60,7 +60,7 @@ def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, 
 
 
 def comparable_values(design: Design) -> dict[str, Any]:
-    """The design's values for a comparison.
+    """Returns the design's values for a comparison.
 
     Arrays of questionnaires, items and inclusion questions become dictionaries by name or id. Their order is a separate
     value.
@@ -102,7 +102,7 @@ MISSING = object()
 
 
 def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """Each difference between two values: its place, and both values; a missing value is ``MISSING``."""
+    """Yields each difference between two values: its place, and both values; a missing value is ``MISSING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
             yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
@@ -114,13 +114,13 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
 
 
 def place_text(place: Place) -> str:
-    """The place as text, such as ``items 1.text``; array elements are counted from 1."""
+    """Returns the place as text, such as ``items 1.text``; array elements are counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 
 
 def value_text(value: Any) -> str:
-    """The value as text, truncated to ``MAX_TEXT_LENGTH``."""
+    """Returns the value as text, truncated to ``MAX_TEXT_LENGTH``."""
     if value is MISSING:
         return "missing"
     text = json.dumps(value, ensure_ascii=False, default=str)

@@ -29,14 +29,16 @@ Order = tuple[Block, ...]
 
 
 def williams_square(size: int) -> IntArray:
-    """A Williams square (size, size) of the numbers 0 to ``size`` − 1; for an odd size above 1, (2 size, size)."""
+    """Returns a Williams square (size, size) of the numbers 0 to ``size`` − 1; for an odd size above 1, (2 size,
+    size).
+    """
     zigzag = [(i + 1) // 2 if i % 2 else -(i // 2) for i in range(size)]
     rows = (np.array(zigzag, np.intp) + np.arange(size)[:, None]) % size
     return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
 
 
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
-    """One order of blocks for each cell of the design.
+    """Returns one order of blocks for each cell of the design.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
     same way, over the blocks of each task and over the blocks at each place.
@@ -57,12 +59,12 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
 
 
 def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
-    """A Williams square with randomly permuted symbols and rows. It is still balanced."""
+    """Returns a Williams square with randomly permuted symbols and rows. It is still balanced."""
     return rng.permutation(rng.permutation(size)[williams_square(size)])
 
 
 def _variety(row_of: IntArray) -> int:
-    """Number of different rows in a cell, summed over all cells."""
+    """Returns the number of different rows in a cell, summed over all cells."""
     return sum(len(set(rows)) for rows in row_of.tolist())
 
 

@@ -159,17 +159,17 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return tuple(product(self.robots, self.policies))
 
     def policy_of(self, name: str) -> str:
-        """The policy of a condition; for another name, the name itself."""
+        """Returns the policy of a condition; for another name, the name itself."""
         return self.conditions[name].policy if name in self.conditions else name
 
     def settings_of(self, name: str) -> Settings:
-        """The settings of a condition or policy."""
+        """Returns the settings of a condition or policy."""
         if name not in self.conditions:
             return self.settings
         return as_settings(self.settings.changed | self.conditions[name].settings.changed)
 
     def goal_of(self, task: str, name: str = "") -> str:
-        """The instruction to participants in a task; ``name`` is the condition or policy."""
+        """Returns the instruction to participants in a task; ``name`` is the condition or policy."""
         return self.goals.get(task) or task_goal(task, self.settings_of(name))
 
     @property
@@ -183,7 +183,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return StopRules(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
-        """The questionnaire with this item; ``None`` if the design has no such item."""
+        """Returns the questionnaire with this item; ``None`` if the design has no such item."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
@@ -191,24 +191,26 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
-        """The fields that determine orders and trials, as JSON values. Default settings are omitted."""
+        """Returns the fields that determine orders and trials, as JSON values. Default settings are omitted."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
         return {name: plain[name] for name in PROTOCOL if plain[name] != {}}
 
     def policy_codes(self) -> dict[str, str]:
-        """A random letter for each policy. A blinded experimenter sees the letter instead of the name."""
+        """Returns a random letter for each policy. A blinded experimenter sees the letter instead of the name."""
         order = random_streams.policy_codes(self.seed, len(self.policies)).permutation(len(self.policies))
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:
-        """The policy of a trial as the experimenter sees it: its name, or if blinded, a letter or ``practice``."""
+        """Returns the policy of a trial as the experimenter sees it: its name, or if blinded, a letter or
+        ``practice``.
+        """
         if not self.blind_experimenter:
             return policy
         return "practice" if practice else self.policy_codes()[policy]
 
 
 def default_text() -> str:
-    """Text of the default ``study.toml``: the paper's protocol, with comments."""
+    """Returns the text of the default ``study.toml``: the paper's protocol, with comments."""
     return (files("avrgym") / "assets" / FILE).read_text(encoding="utf-8")
 
 

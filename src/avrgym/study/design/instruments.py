@@ -77,7 +77,7 @@ def check_use(place: Place, questionnaire: Questionnaire) -> None:
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
-    """The items of a validated questionnaire; if texts are missing, they are read from the study's folder."""
+    """Returns the items of a validated questionnaire; if texts are missing, they are read from the study's folder."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
     points = instrument.response.points
@@ -89,7 +89,9 @@ def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
 
 
 def _texts_of_study(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
-    """The texts of all items from the study's folder. Raises ``ValidationError`` for a missing or invalid file."""
+    """Returns the texts of all items from the study's folder. Raises ``ValidationError`` for a missing or invalid
+    file.
+    """
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
@@ -119,7 +121,7 @@ def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
 
 
 def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
-    """The ids of missing items, and the format of their texts, for an error message."""
+    """Returns the ids of missing items, and the format of their texts, for an error message."""
     ends = all(item.low and item.high for item in instrument.items)
     how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
     return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

@@ -50,12 +50,12 @@ def check_languages(design: Design, folder: Path) -> None:
 
 
 def participant_sentences(design: Design) -> list[str]:
-    """All sentences that participants read, before translation."""
+    """Returns all sentences that participants read, before translation."""
     return [*_design_sentences(design), *_included_sentences(design)]
 
 
 def _design_sentences(design: Design) -> Iterator[str]:
-    """The sentences that the design contains."""
+    """Yields the sentences that the design contains."""
     yield design.consent.text
     yield from (question.text for question in design.inclusion)
     yield from design.goals.values()
@@ -65,7 +65,7 @@ def _design_sentences(design: Design) -> Iterator[str]:
 
 
 def _included_sentences(design: Design) -> Iterator[str]:
-    """The sentences of AVR Gym that the design uses."""
+    """Yields the sentences of AVR Gym that the design uses."""
     for task in design.tasks:
         if not design.goals.get(task):
             yield from {design.goal_of(task, name) for name in ("", *design.conditions)}
@@ -87,7 +87,9 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
 
 
 def text_files(design: Design, folder: Path) -> list[str]:
-    """Existing files of translations and questionnaire texts of the design, relative to the study's folder."""
+    """Returns the existing files of translations and questionnaire texts of the design, relative to the study's
+    folder.
+    """
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
     names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]
     names += [f"{INSTRUMENTS}/{name}.toml" for name in used]

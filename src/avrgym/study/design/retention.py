@@ -58,6 +58,6 @@ def check_retention(retention: Retention) -> None:
 
 
 def _later(day: date, months: int) -> date:
-    """The same day ``months`` later; if that month is too short, its last day."""
+    """Returns the same day ``months`` later; if that month is too short, its last day."""
     year, month = divmod(12 * day.year + day.month - 1 + months, 12)
     return date(year, month + 1, min(day.day, calendar.monthrange(year, month + 1)[1]))

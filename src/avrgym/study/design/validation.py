@@ -119,7 +119,9 @@ def parse_toml(
 
 
 def _with_keys(values: Any, place: Place) -> Place:
-    """The path with the keys of mappings, which msgspec leaves out: each is the first one that has the next key."""
+    """Returns the path with the keys of mappings, which msgspec leaves out: each is the first one that has the next
+    key.
+    """
     found: list[str | int] = []
     for key in place:
         if is_table(values) and isinstance(key, str) and key not in values:
@@ -134,7 +136,7 @@ def _with_keys(values: Any, place: Place) -> Place:
 
 
 def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:
-    """The path of the invalid value, and the error message without the path."""
+    """Returns the path of the invalid value, and the error message without the path."""
     message, _, path = str(error).partition(" - at `$")
     place: Place = tuple(
         int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)

@@ -238,7 +238,9 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Whether the person model followed the tracked pose of this part: the pose was not lost, stale or rejected."""
+    """Returns whether the person model followed the tracked pose of this part: the pose was not lost, stale or
+    rejected.
+    """
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
@@ -270,7 +272,7 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    """The name of an item or questionnaire, with only characters that are valid in file names."""
+    """Returns the name of an item or questionnaire, with only characters that are valid in file names."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
 
 
@@ -280,7 +282,7 @@ def _rows_of_answers(
     questionnaire: Questionnaire,
     answered_items: AnsweredItems,
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """One row for each participant with answers, with a column for each condition (or session) and item.
+    """Returns one row for each participant with answers, with a column for each condition (or session) and item.
 
     Returns:
         The rows, and the item's id by column.

@@ -38,18 +38,20 @@ RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_pers
 
 
 def reward_terms(design: Design) -> list[str]:
-    """All reward terms of the design's tasks. Each term has a column in the table of control steps."""
+    """Returns all reward terms of the design's tasks. Each term has a column in the table of control steps."""
     return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 
 def action_size(design: Design) -> int:
-    """Largest number of action components of the design's robots. Each has a column in the table of control steps."""
+    """Returns the largest number of action components of the design's robots. Each has a column in the table of control
+    steps.
+    """
     robots = [find_robot(name) for name in design.robots]
     return max(len(robot.action_names(arm)) for robot in robots for arm in robot.arms.values())
 
 
 def table_columns(table: str, design: Design) -> Mapping[str, Column]:
-    """All columns of a table, in order."""
+    """Returns all columns of a table, in order."""
     if table != "control_steps":
         return TABLES[table]
     terms = {
@@ -68,14 +70,14 @@ def table_columns(table: str, design: Design) -> Mapping[str, Column]:
 
 
 def codebook(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
-    """One row for each column of the tables."""
+    """Yields one row for each column of the tables."""
     for table in tables:
         for name, column in table_columns(table, design).items():
             yield {"table": table, "column": name, **asdict(column)}
 
 
 def _unit(term: str) -> str:
-    """The unit of a reward term, from the end of its name."""
+    """Returns the unit of a reward term, from the end of its name."""
     for ending, unit in (("_m_s", "m/s"), ("_rad", "rad"), ("_m", "m"), ("_n", "N")):
         if term.endswith(ending):
             return unit

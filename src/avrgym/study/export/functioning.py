@@ -16,7 +16,7 @@ NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """Number of analysed people with each possible answer to each question."""
+    """Yields the number of analysed people with each possible answer to each question."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
@@ -41,7 +41,7 @@ def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> lis
 
 
 def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRow]:
-    """Each person's answers. The diagnosis is included only with ``free_text``."""
+    """Yields each person's answers. The diagnosis is included only with ``free_text``."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:
@@ -59,7 +59,7 @@ def _answers(person: Participant) -> Functioning | None:
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
-    """Whether a person (not simulated) takes part and has a completed trial that is not practice."""
+    """Returns whether a person (not simulated) takes part and has a completed trial that is not practice."""
     return (
         not person.simulated
         and person.state in PARTICIPATING

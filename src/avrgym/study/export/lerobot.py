@@ -71,7 +71,9 @@ def _task(exported: ExportedAttempt) -> str:
 def _columns(
     exported: ExportedAttempt, episode: int, start: int, task: int, cameras: Sequence[str]
 ) -> Columns:
-    """The values of one trial by feature: (steps,), (steps, size), or images (steps, H, W) or (steps, H, W, 3)."""
+    """Returns the values of one trial by feature: (steps,), (steps, size), or images (steps, H, W) or (steps, H, W,
+    3).
+    """
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
     return {
@@ -118,7 +120,7 @@ def _episode(
 
 
 def statistics(values: NumpyArray) -> dict[str, list[float]]:
-    """Statistics of a feature over all frames; each has a value for every component of the feature.
+    """Returns the statistics of a feature over all frames; each has a value for every component of the feature.
 
     Quantiles are computed over all frames. Averages over the quantiles of episodes would be too narrow.
     """
@@ -136,7 +138,8 @@ def statistics(values: NumpyArray) -> dict[str, list[float]]:
 
 
 def _image_statistics(images: NumpyArray) -> dict[str, Any]:
-    """The statistics of images (frames, H, W) or (frames, H, W, 3) by channel, as nested lists (channels, 1, 1).
+    """Returns the statistics of images (frames, H, W) or (frames, H, W, 3) by channel, as nested lists (channels, 1,
+    1).
 
     Colours are from 0 to 1, as in LeRobot.
     """
@@ -174,7 +177,7 @@ def _png(image: NumpyArray) -> bytes:
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
-    """Table of task numbers; the pandas index contains the tasks' texts."""
+    """Returns the table of task numbers; the pandas index contains the tasks' texts."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -218,7 +221,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """Names of the components of observation and action, by feature."""
+    """Returns the names of the components of observation and action, by feature."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": value_names(task.observation(scene)), "action": list(scene.action_names)}

@@ -75,6 +75,6 @@ def _metadata(
 
 
 def _box(size: int, bound: float, dtype: str) -> str:
-    """A box space in Minari's JSON format."""
+    """Returns a box space in Minari's JSON format."""
     ends = {"low": [-bound] * size, "high": [bound] * size}
     return json.dumps({"type": "Box", "dtype": dtype, "shape": [size], **ends})

@@ -49,12 +49,12 @@ class Series:
     time_corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
-        """Time and values of each sample; ``None`` for values that are not finite."""
+        """Yields the time and values of each sample; ``None`` for values that are not finite."""
         for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
             yield [time_s, *(value if isfinite(value) else None for value in row)]
 
     def sidecar(self) -> dict[str, Any]:
-        """Contents of the JSON file that describes the samples."""
+        """Returns the contents of the JSON file that describes the samples."""
         stream, lasted_s = self.stream, float(np.ptp(self.time_s))
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.columns[:2]) == COORDINATES
@@ -75,7 +75,7 @@ class Series:
 
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
-    """The numeric streams of a recording. ``start_s``: time of the first tracking frame."""
+    """Yields the numeric streams of a recording. ``start_s``: time of the first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in stream_chunks(topics, name) if each[1].values]
         if chunks:
@@ -84,7 +84,9 @@ def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
 
 
 def text_events(topics: Topics) -> list[tuple[int, Event]]:
-    """Samples of text streams as events, with their times in nanoseconds. The event's name is the stream's name."""
+    """Returns the samples of text streams as events, with their times in nanoseconds. The event's name is the stream's
+    name.
+    """
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
         for name, chunks in _text_chunks(topics)
@@ -95,7 +97,7 @@ def text_events(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_text_streams(topics: Topics, start_s: float) -> dict[str, Any]:
-    """Time corrections of each text stream that has any, by stream name."""
+    """Returns the time corrections of each text stream that has any, by stream name."""
     found = {
         name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)
     }
@@ -108,7 +110,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
 
 
 def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
-    """Description of a stream's time corrections, for the JSON file; empty without corrections."""
+    """Returns the description of a stream's time corrections, for the JSON file; empty without corrections."""
     if not times.resets and not times.raised:
         return {}
     return {
@@ -121,7 +123,7 @@ def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
 
 
 def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> Series:
-    """The stream's columns in the device's order, with gaze coordinates first."""
+    """Returns the stream's columns in the device's order, with gaze coordinates first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
@@ -146,7 +148,9 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
 
 
 def _column_names(labels: Sequence[str]) -> dict[int, str]:
-    """A unique name for each column: letters and digits of the channel's label, with a number for duplicates."""
+    """Returns a unique name for each column: letters and digits of the channel's label, with a number for
+    duplicates.
+    """
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
         name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"
@@ -156,7 +160,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
 
 
 def _ends_with(label: str, axis: str) -> bool:
-    """Whether a channel's label ends with the axis as a word. A unit in brackets is ignored."""
+    """Returns whether a channel's label ends with the axis as a word. A unit in brackets is ignored."""
     words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
     return bool(words) and words[-1] == axis
 

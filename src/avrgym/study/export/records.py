@@ -41,7 +41,7 @@ NO_EXTRAS = Extras()
 
 
 def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
-    """The rows of the tables of events, adverse events, functioning and notes, by table name."""
+    """Returns the rows of the tables of events, adverse events, functioning and notes, by table name."""
     people = store.participants()
     tables: dict[str, Rows] = {
         "events": list(event_rows(store, people, extras)),
@@ -55,7 +55,7 @@ def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
 
 
 def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> Iterator[EventRow]:
-    """Events of these participants and of the whole study, in the order in which they were stored."""
+    """Yields the events of these participants and of the whole study, in the order in which they were stored."""
     known = {person.number: person for person in people}
     sessions, attempts = _session_numbers(store, known.values()), _attempts(store, known.values())
     participants = _session_participants(store)
@@ -81,7 +81,7 @@ def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> I
 def adverse_event_rows(
     store: Store, people: Iterable[Participant], extras: Extras
 ) -> Iterator[AdverseEventRow]:
-    """All reports of all adverse events of these participants."""
+    """Yields all reports of all adverse events of these participants."""
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}
         for event in group_by_event(store.adverse_events(person.pseudonym)):
@@ -111,7 +111,7 @@ def adverse_event_rows(
 
 
 def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
-    """Experimenters' notes about these participants."""
+    """Yields experimenters' notes about these participants."""
     for person in people:
         sessions = _session_numbers(store, [person])
         for note in store.notes(person.pseudonym):
@@ -120,7 +120,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
 
 
 def log_rows(store: Store, extras: Extras) -> Iterator[LogRow]:
-    """All entries of the audit log. Each experimenter has a number, or with ``free_text`` a name."""
+    """Yields all entries of the audit log. Each experimenter has a number, or with ``free_text`` a name."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}
@@ -170,18 +170,18 @@ def _described(column: Column) -> dict[str, str]:
 
 
 def _session_numbers(store: Store, people: Iterable[Participant]) -> dict[int, int]:
-    """Number of each session, by the session's id."""
+    """Returns the number of each session, by the session's id."""
     return {each.id: each.number for person in people for each in store.sessions(person.pseudonym)}
 
 
 def _session_participants(store: Store) -> dict[int, int]:
-    """Number of each session's participant, by the session's id."""
+    """Returns the number of each session's participant, by the session's id."""
     people = store.participants()
     return {session.id: session.participant for each in people for session in store.sessions(each.pseudonym)}
 
 
 def _attempts(store: Store, people: Iterable[Participant]) -> dict[int, tuple[Trial, TrialAttempt]]:
-    """Trial and attempt, by the attempt's id."""
+    """Returns the trial and attempt, by the attempt's id."""
     found: dict[int, tuple[Trial, TrialAttempt]] = {}
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}

@@ -37,7 +37,7 @@ class Score:
         return RESPONDENTS[1] if RESPONDENTS[1] in given else self.answers[-1].identifiers().respondent
 
     def row(self) -> ScoreRow:
-        """This score as a row of a table."""
+        """Returns this score as a row of a table."""
         minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
@@ -55,7 +55,7 @@ class Score:
 def scores_of(
     store: Store, participant: Participant, answers: Sequence[ExportedAnswer], answered_items: AnsweredItems
 ) -> list[Score]:
-    """All scores of a participant, in the order of their answers.
+    """Returns all scores of a participant, in the order of their answers.
 
     After a crash, the next session asks the remaining items. The answers of both sessions are then scored together.
     Weights are read from the design. If the design has none, they are computed from the participant's answers to the
@@ -83,7 +83,7 @@ def scores_of(
 
 
 def scale_rows(design: Design) -> Iterator[ScaleRow]:
-    """A row for every scale of the design's validated questionnaires."""
+    """Yields a row for every scale of the design's validated questionnaires."""
     for questionnaire in design.questionnaires:
         instrument = questionnaire.instrument
         for name in instrument.scale_names if instrument else ():
@@ -109,12 +109,12 @@ def scale_rows(design: Design) -> Iterator[ScaleRow]:
 
 
 def uses_instruments(design: Design) -> bool:
-    """Whether the design uses a validated questionnaire."""
+    """Returns whether the design uses a validated questionnaire."""
     return any(questionnaire.instrument is not None for questionnaire in design.questionnaires)
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
-    """Whether the answered item belongs to a validated questionnaire."""
+    """Returns whether the answered item belongs to a validated questionnaire."""
     instrument = answer.questionnaire.instrument
     return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
 
@@ -142,7 +142,7 @@ def _weights(
     when: When,
     given: Mapping[tuple[str, When], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
-    """Weights for a questionnaire's weighted score at one time; ``None`` without weights."""
+    """Returns the weights for a questionnaire's weighted score at one time; ``None`` without weights."""
     if questionnaire.weights is not msgspec.UNSET:
         return questionnaire.weights
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
@@ -161,7 +161,7 @@ def _weights(
 
 
 def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
-    """The weights from the participant's answers; ``None`` if an answer is missing."""
+    """Returns the weights from the participant's answers; ``None`` if an answer is missing."""
     scores = instrument.score(answers)
     weights = {scale: round(score) for scale, score in scores.items() if score is not None}
     return weights if len(weights) == len(scores) else None

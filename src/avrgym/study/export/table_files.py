@@ -31,7 +31,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
 
 
 def row_values(row: object) -> Mapping[str, Any]:
-    """The row's values by column."""
+    """Returns the row's values by column."""
     return row if is_table(row) else vars(row)
 
 
@@ -43,13 +43,13 @@ def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
 
 
 def tsv_cell(value: Any) -> str:
-    """The value as text without tabs and line breaks; ``n/a`` if the text is empty."""
+    """Returns the value as text without tabs and line breaks; ``n/a`` if the text is empty."""
     text = " ".join(str(spreadsheet_safe(value)).split()) if value is not None else ""
     return text or "n/a"
 
 
 def spreadsheet_safe(value: Any) -> Any:
-    """The value for a table: booleans become ``true`` or ``false``, and possible formulas get an apostrophe."""
+    """Returns the value for a table: booleans become ``true`` or ``false``, and possible formulas get an apostrophe."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str) and value.startswith(FORMULA_PREFIXES):

@@ -71,7 +71,7 @@ def participant_tables(
     heights: Heights,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
-    """The rows of all tables about single participants, by table name."""
+    """Returns the rows of all tables about single participants, by table name."""
     tables: dict[str, Iterable[Any]] = {
         "participants": _participants(store, _median_heights(completed, heights)),
         "consents": consent_rows(store),
@@ -95,7 +95,7 @@ def participant_tables(
 
 
 def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> dict[str, float]:
-    """Each participant's median torso height, in metres."""
+    """Returns each participant's median torso height, in metres."""
     heights_by_participant: dict[str, list[float]] = defaultdict(list)
     for exported in completed:
         height = heights[exported.attempt.id]
@@ -105,7 +105,7 @@ def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> d
 
 
 def item_rows(design: Design) -> Iterator[ItemRow]:
-    """All items of the design's questionnaires."""
+    """Yields all items of the design's questionnaires."""
     for questionnaire in design.questionnaires:
         for item in questionnaire.items:
             scale = questionnaire.scale_of(item)
@@ -124,7 +124,7 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
 
 
 def consent_rows(store: Store) -> Iterator[ConsentRow]:
-    """All decisions of all participants about consent texts, in order."""
+    """Yields all decisions of all participants about consent texts, in order."""
     files = {archived.sha256: _consent_file(archived) for archived in store.consent_texts()}
     for participant in store.participants():
         for number, each in enumerate(store.consents(participant.pseudonym), start=1):
@@ -238,5 +238,5 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
 
 
 def _action_of(action: Sequence[float], joint: int) -> float | None:
-    """The action of a joint; ``None`` if the arm has fewer joints."""
+    """Returns the action of a joint; ``None`` if the arm has fewer joints."""
     return action[joint] if joint < len(action) else None

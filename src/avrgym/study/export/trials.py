@@ -67,11 +67,11 @@ class ExportedAttempt:
         return recording
 
     def is_changed(self) -> bool:
-        """Whether the recording exists, but has changed since the attempt was completed."""
+        """Returns whether the recording exists, but has changed since the attempt was completed."""
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:
-        """Torso height of the participant's body model in this trial."""
+        """Returns the torso height of the participant's body model in this trial."""
         if self.attempt.torso_height_m is not None:
             return self.attempt.torso_height_m
         return read_header(self.store.path(self.attempt.recording)).configuration.person.torso_height_m
@@ -82,11 +82,12 @@ class ExportedAttempt:
         return "is missing" if here else f"is at another station; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
-        """The control steps, with their times in seconds. Raises the errors of ``read_whole``."""
+        """Returns the control steps, with their times in seconds. Raises the errors of ``read_whole``."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
-        """Camera images (steps, ...) at the start of each control step, by image name, rendered from recorded states.
+        """Returns the camera images (steps, ...) at the start of each control step, by image name, rendered from
+        recorded states.
 
         Raises:
             StudyError: for a camera that the robot does not have, or if the states cannot be rendered.
@@ -102,7 +103,7 @@ class ExportedAttempt:
         return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
 
     def identifiers(self) -> AttemptIdentifiers:
-        """The fields that identify this attempt in tables."""
+        """Returns the fields that identify this attempt in tables."""
         return AttemptIdentifiers(
             participant=self.participant.pseudonym,
             site=self.participant.site,
@@ -118,13 +119,13 @@ class ExportedAttempt:
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """All attempts, ordered by participant and start."""
+    """Yields all attempts, ordered by participant and start."""
     for participant in store.participants():
         yield from attempts_of(store, participant)
 
 
 def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAttempt]:
-    """All attempts of a participant, in the order of their start."""
+    """Yields all attempts of a participant, in the order of their start."""
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -137,7 +138,7 @@ def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAtte
 
 
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """All completed attempts."""
+    """Yields all completed attempts."""
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
 
 
@@ -158,7 +159,7 @@ class ExportedAnswer:
     item: Item
 
     def identifiers(self) -> AnswerIdentifiers:
-        """The fields that identify this answer in tables."""
+        """Returns the fields that identify this answer in tables."""
         attempt = self.attempt
         return AnswerIdentifiers(
             participant=self.participant.pseudonym,
@@ -177,7 +178,7 @@ class ExportedAnswer:
         )
 
     def row(self) -> AnswerRow:
-        """This answer as a row of a table."""
+        """Returns this answer as a row of a table."""
         scale = self.questionnaire.scale_of(self.item)
         return AnswerRow(
             **vars(self.identifiers()),
@@ -194,7 +195,7 @@ class ExportedAnswer:
 def answers_of(
     store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], answered_items: AnsweredItems
 ) -> list[ExportedAnswer]:
-    """All answers of a participant, in order. ``attempts`` must contain all attempts of the participant."""
+    """Returns all answers of a participant, in order. ``attempts`` must contain all attempts of the participant."""
     by_id = {exported.attempt.id: exported for exported in attempts}
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -241,7 +242,7 @@ def verify_attempts(
 
 
 def group_by_scene(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
-    """Attempts by scene (task and robot), for formats in which a dataset's observations have one size."""
+    """Returns the attempts by scene (task and robot), for formats in which a dataset's observations have one size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)

@@ -25,7 +25,7 @@ NamedStudy = tuple[str, Store]
 
 
 def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
-    """Descriptions of the differences between two studies.
+    """Returns the descriptions of the differences between two studies.
 
     Raises:
         StudyError: for a difference in a field of ``EQUAL_FIELDS``, or for any difference without ``accepted``.
@@ -54,7 +54,7 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
-    """A difference between two designs as text, with the line of the value in both files."""
+    """Returns a difference between two designs as text, with the line of the value in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {place_text(place)}", here, there, *at)
 
@@ -64,7 +64,7 @@ def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:
 
 
 def _line(store: Store, place: Place) -> str:
-    """The line of a value, or of its table; empty if the file contains neither."""
+    """Returns the line of a value, or of its table; empty if the file contains neither."""
     text = read_text(store.folder / DESIGN)
     for length in range(len(place), 0, -1):
         try:
@@ -75,13 +75,13 @@ def _line(store: Store, place: Place) -> str:
 
 
 def _design(store: Store) -> dict[str, Any]:
-    """The design's fields, except the fields that may differ between sites."""
+    """Returns the design's fields, except the fields that may differ between sites."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in SITE_FIELDS}
 
 
 def _texts(store: Store) -> dict[str, Any]:
-    """The texts for participants in each language."""
+    """Returns the texts for participants in each language."""
     return {language: asdict(read_texts(language, store.folder)) for language in store.design.languages}
 
 

@@ -61,7 +61,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 
 def _without_local(design: str) -> str:
-    """The text of a design without the fields that may differ between sites. The other lines are unchanged."""
+    """Returns the text of a design without the fields that may differ between sites. The other lines are unchanged."""
     document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in SITE_FIELDS):
         return design
@@ -71,7 +71,7 @@ def _without_local(design: str) -> str:
 
 
 def _own_files(store: Store) -> Iterator[Path]:
-    """Files that the design and the plan need, relative to the study's folder."""
+    """Yields the files that the design and the plan need, relative to the study's folder."""
     own = [
         store.folder / name
         for name in (PLAN, FROZEN, TIME_STAMP, REGISTRATION, *text_files(store.design, store.folder))

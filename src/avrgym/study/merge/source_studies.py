@@ -73,7 +73,7 @@ def read_site_study(store: Store) -> SiteStudy:
 
 
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
-    """All rows of a table. Salts are omitted, because the merged study creates its own salts."""
+    """Returns all rows of a table. Salts are omitted, because the merged study creates its own salts."""
     names = [column.key for column in table.columns]
     found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]

@@ -46,11 +46,13 @@ class Recording:
     sha256: str | None
 
     def is_transferred(self) -> bool:
-        """Whether the merged study contains the recording with the correct checksum."""
+        """Returns whether the merged study contains the recording with the correct checksum."""
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
     def fault(self) -> str | None:
-        """Why the recording cannot be copied (a message that begins with its name); ``None`` if it can be copied."""
+        """Returns the reason why the recording cannot be copied (a message that begins with its name); ``None`` if it
+        can be copied.
+        """
         if self.source is None:
             return f"{self.name} is outside the study's recordings"
         if self.sha256 is None:
@@ -81,7 +83,7 @@ class Recording:
 
 
 def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
-    """All recordings of a site, with their paths in the merged study in ``folder``."""
+    """Yields all recordings of a site, with their paths in the merged study in ``folder``."""
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
         name = row["recording"]
@@ -97,7 +99,9 @@ def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Record
 
 
 def _expected_checksum(row: Row) -> str | None:
-    """The stored checksum of an attempt's recording. If a completed attempt has none, the result matches no file."""
+    """Returns the stored checksum of an attempt's recording. If a completed attempt has none, the result matches no
+    file.
+    """
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
 
@@ -121,7 +125,7 @@ _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
 def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
-    """The rows of a site with their keys in the merged study, by the participant's number at the site.
+    """Returns the rows of a site with their keys in the merged study, by the participant's number at the site.
 
     Tombstones are excluded. ``None``: rows without a participant, and log entries, which are never deleted.
     """
@@ -136,7 +140,7 @@ def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Row
 
 
 def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
-    """Number of the row's participant; ``None`` without a participant."""
+    """Returns the number of the row's participant; ``None`` without a participant."""
     if "enrolled_at" in row:
         return row["number"]
     if row.get("participant") is not None:
@@ -146,7 +150,7 @@ def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
 
 
 def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
-    """The row with its keys in the merged study."""
+    """Returns the row with its keys in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
@@ -162,7 +166,7 @@ def _columns(table: sa.Table) -> Iterable[sa.Column[Any]]:
 
 
 def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
-    """The value of a column; a key is replaced by the key in the merged study."""
+    """Returns the value of a column; a key is replaced by the key in the merged study."""
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value

@@ -142,7 +142,7 @@ def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
-    """Safety events in a participant's sessions, for review by the person who records adverse events."""
+    """Yields safety events in a participant's sessions, for review by the person who records adverse events."""
     number = store.participant(pseudonym).number
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}

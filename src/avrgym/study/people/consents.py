@@ -34,7 +34,8 @@ class ShownText:
 def consents_to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
-    """Consents to another text than ``shown``, with the same version and language. White space is not compared.
+    """Returns the consents to another text than ``shown``, with the same version and language. White space is not
+    compared.
 
     ``first_language``: the language of consents without a stored language.
     """
@@ -80,28 +81,30 @@ def store_consent(
 
 
 def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
-    """Whether a consent suffices with the ``others`` of the participant. Proxy consent and assent need each other."""
+    """Returns whether a consent suffices with the ``others`` of the participant. Proxy consent and assent need each
+    other.
+    """
     missing = {"proxy": "assent", "assent": "proxy"}.get(decision.consent_role)
     latest = [each for each in others if each.role == missing and each.version == decision.version]
     return decision.agreed and (missing is None or (bool(latest) and latest[-1].agreed))
 
 
 def missing_role(consents: Sequence[Consent], version: str) -> str:
-    """``proxy`` or ``assent`` if only the other one agreed to a version; otherwise empty."""
+    """Returns ``proxy`` or ``assent`` if only the other one agreed to a version; otherwise empty."""
     latest = {each.role: each.agreed for each in consents if each.version == version and each.role}
     given = [role for role, agreed in latest.items() if agreed]
     return {"proxy": "assent", "assent": "proxy"}[given[0]] if len(given) == 1 else ""
 
 
 def describe(consent: Consent) -> str:
-    """A decision in words, without its time."""
+    """Returns a decision in words, without its time."""
     who = {"proxy": "consent of a representative", "assent": "assent of the participant"}
     named = who.get(consent.consent_role, "consent of the participant")
     return f"{named}, version {consent.version}: {'yes' if consent.agreed else 'no'}"
 
 
 def latest_consent(consents: Iterable[Consent], *, of_proxy: bool = False) -> RecordedConsent | None:
-    """The latest consent in the format of recordings; ``None`` without consent.
+    """Returns the latest consent in the format of recordings; ``None`` without consent.
 
     ``of_proxy``: that of a representative; otherwise the participant's own consent or assent.
     """
@@ -131,7 +134,7 @@ def restore_consents(
 
 
 def current_text(store: Store, language: str) -> ShownText | None:
-    """The design's consent text in a language; ``None`` if the language has no texts."""
+    """Returns the design's consent text in a language; ``None`` if the language has no texts."""
     consent = store.design.consent
     try:
         text = read_texts(language, store.folder).translate(consent.text)
@@ -141,7 +144,7 @@ def current_text(store: Store, language: str) -> ShownText | None:
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
-    """Pseudonyms of the participants who gave these consents, as text without duplicates."""
+    """Returns the pseudonyms of the participants who gave these consents, as text without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 

@@ -41,7 +41,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 
 def _has_rows(store: Store, connection: sa.Connection, number: int) -> bool:
-    """Whether rows must be deleted; false if only other files of the study contain the participant."""
+    """Returns whether rows must be deleted; false if only other files of the study contain the participant."""
     return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 
 

@@ -52,7 +52,7 @@ def revoke_experimenter(store: Store, name: str) -> None:
 
 
 def list_experimenters(store: Store) -> list[Experimenter]:
-    """All experimenters in the order of creation, including those with a revoked token."""
+    """Returns all experimenters in the order of creation, including those with a revoked token."""
     with store.database.read() as connection:
         return find_all(connection, Experimenter)
 
@@ -67,7 +67,7 @@ class Experimenters:
         self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
 
     def name_of(self, token: str) -> str | None:
-        """Name of the experimenter with this token; ``None`` for an invalid token."""
+        """Returns the name of the experimenter with this token; ``None`` for an invalid token."""
         return self._names.get(_sha256(token))
 
     def refresh(self) -> None:

@@ -24,7 +24,7 @@ def record_furniture(store: Store, pseudonym: str, furniture: RealFurniture) -> 
 
 
 def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
-    """The participant's own seat and bed; ``None`` if they were not measured.
+    """Returns the participant's own seat and bed; ``None`` if they were not measured.
 
     Raises:
         StudyError: if the stored measures are damaged.

@@ -47,14 +47,14 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
 
 
 def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of participants that may be the same person."""
+    """Yields pairs of participants that may be the same person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
             yield first, second
 
 
 def may_be_same_person(first: Identity, second: Identity) -> bool:
-    """Whether two identities have an equal name or contact, and no different one. Empty values are ignored."""
+    """Returns whether two identities have an equal name or contact, and no different one. Empty values are ignored."""
     pairs = (
         (_plain_name(first.name), _plain_name(second.name)),
         (_plain_contact(first.contact), _plain_contact(second.contact)),
@@ -68,12 +68,12 @@ def _plain_name(name: str) -> str:
 
 
 def _plain_contact(contact: str) -> str:
-    """The contact without spaces, for comparison."""
+    """Returns the contact without spaces, for comparison."""
     return "".join(_folded(contact).split())
 
 
 def _folded(text: str) -> str:
-    """The text for comparison: Unicode NFKC, case-folded, without format characters."""
+    """Returns the text for comparison: Unicode NFKC, case-folded, without format characters."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
     return "".join(character for character in folded if unicodedata.category(character) != "Cf")
 

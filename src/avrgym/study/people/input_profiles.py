@@ -12,7 +12,7 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 
 
 def checked_profile(values: Mapping[str, Any]) -> InputProfile:
-    """The input profile of a table of values. Raises ``StudyError`` if it is impossible."""
+    """Returns the input profile of a table of values. Raises ``StudyError`` if it is impossible."""
     try:
         return read_profile(values)
     except InputProfileError as error:

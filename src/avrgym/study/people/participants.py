@@ -126,7 +126,7 @@ def set_identity(
 
 
 def participant_texts(store: Store, participant: Participant) -> Texts:
-    """The texts in the participant's language. Raises ``StudyError`` if this language has no texts."""
+    """Returns the texts in the participant's language. Raises ``StudyError`` if this language has no texts."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
     except TextsError as error:
@@ -134,7 +134,7 @@ def participant_texts(store: Store, participant: Participant) -> Texts:
 
 
 def consent_text(store: Store, participant: Participant) -> ShownText:
-    """The design's consent text in the participant's language."""
+    """Returns the design's consent text in the participant's language."""
     texts, consent = participant_texts(store, participant), store.design.consent
     return ShownText(consent.version, texts.language, texts.translate(consent.text))
 
@@ -315,7 +315,9 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """The next participant number. Numbers in identity file, participation list and recordings are not used again."""
+    """Returns the next participant number. Numbers in identity file, participation list and recordings are not used
+    again.
+    """
     taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
@@ -323,7 +325,7 @@ def _next_number(store: Store, connection: sa.Connection) -> int:
 
 
 def _free_cell(connection: sa.Connection, design: Design, participant: Participant) -> int:
-    """The cell for a participant. People and simulated participants are balanced separately."""
+    """Returns the cell for a participant. People and simulated participants are balanced separately."""
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_all(connection, Participant, simulated=participant.simulated):
         if other.state in PARTICIPATING and other.cell is not None:

@@ -30,7 +30,7 @@ def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -
 
 
 def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
-    """The participant's latest preferences; ``None`` without any.
+    """Returns the participant's latest preferences; ``None`` without any.
 
     Raises:
         StudyError: if the stored preferences are damaged.
@@ -41,7 +41,7 @@ def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
 
 
 def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRules | None:
-    """The rules of a trial with the condition or policy ``name``; ``None`` if nothing paces the robot.
+    """Returns the rules of a trial with the condition or policy ``name``; ``None`` if nothing paces the robot.
 
     Raises:
         StudyError: if the participant's preferences contradict the condition.

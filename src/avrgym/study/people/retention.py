@@ -27,17 +27,17 @@ class ScheduledDeletion:
     participants: tuple[str, ...]
 
     def is_due(self, day: date) -> bool:
-        """Whether the retention period has ended on ``day``."""
+        """Returns whether the retention period has ended on ``day``."""
         return bool(self.participants) and self.due_on <= day
 
 
 def today() -> date:
-    """The current date in UTC."""
+    """Returns the current date in UTC."""
     return datetime.now(UTC).date()
 
 
 def schedule(store: Store) -> list[ScheduledDeletion]:
-    """All scheduled deletions of people's data."""
+    """Returns all scheduled deletions of people's data."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
     known = identity_file.named_pseudonyms(store.folder)
     present = {
@@ -52,12 +52,12 @@ def schedule(store: Store) -> list[ScheduledDeletion]:
 
 
 def due(store: Store, day: date) -> list[ScheduledDeletion]:
-    """The scheduled deletions that are due on ``day``."""
+    """Returns the scheduled deletions that are due on ``day``."""
     return [each for each in schedule(store) if each.is_due(day)]
 
 
 def describe_due(store: Store, day: date) -> Iterator[str]:
-    """Texts about data whose deletion is due, and about a missing end date of the study."""
+    """Yields the texts about data whose deletion is due, and about a missing end date of the study."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
@@ -93,7 +93,7 @@ def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
 
 
 def recordings_deleted(store: Store) -> Mapping[int, str]:
-    """Time of the scheduled deletion of recordings, by participant number."""
+    """Returns the time of the scheduled deletion of recordings, by participant number."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, name=EVENTS[RECORDINGS])
     return {event.participant: event.at for event in events if event.participant is not None}

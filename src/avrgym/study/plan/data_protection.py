@@ -53,7 +53,7 @@ def write_data_protection(store: Store) -> list[Path]:
 
 
 def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """Texts of the impact assessment, by section and heading. Most are required by Article 35(7)."""
+    """Returns the texts of the impact assessment, by section and heading. Most are required by Article 35(7)."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
             "Why": "Movements of head and hands may identify a person even without a name. "
@@ -109,7 +109,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """Texts of the record of processing that Article 30(1) requires, by section and heading."""
+    """Returns the texts of the record of processing that Article 30(1) requires, by section and heading."""
     return {
         "Record (Article 30(1))": {
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
@@ -132,7 +132,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _data(design: Design) -> Iterable[str]:
-    """The kinds of data that this study collects."""
+    """Returns the kinds of data that this study collects."""
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)

@@ -48,7 +48,7 @@ Change = tuple[Place, Any, Any]
 
 
 def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Findings about differences between the frozen plan and the design or the texts for participants.
+    """Yields findings about differences between the frozen plan and the design or the texts for participants.
 
     Differences in sessions are included even if the current files match the plan.
     """
@@ -71,7 +71,7 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _session_values(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """Differences of sessions and admissions from the frozen design: frozen value and participants of each.
+    """Returns the differences of sessions and admissions from the frozen design: frozen value and participants of each.
 
     The key is the file, the place and the different value.
     """
@@ -91,7 +91,7 @@ def _session_values(
 
 
 def file_deviations(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
-    """Findings about differences between a file and its frozen text (``before``)."""
+    """Yields findings about differences between a file and its frozen text (``before``)."""
     fault, changes = _compare(store, record, name, before, None)
     if fault:
         yield deviation(name, fault)
@@ -99,7 +99,7 @@ def file_deviations(store: Store, record: PlanRecord, name: str, before: str) ->
 
 
 def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
-    """Design and texts of a frozen plan; ``None`` if this version cannot read them."""
+    """Returns the design and texts of a frozen plan; ``None`` if this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for name, text in (record.texts or {}).items():
@@ -137,12 +137,12 @@ def _compare(
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The file's fields that are compared: all except ``NOT_COMPARED``."""
+    """Returns the file's fields that are compared: all except ``NOT_COMPARED``."""
     return {name: value for name, value in values.items() if name not in NOT_COMPARED}
 
 
 def changed(place: Place, before: Any, after: Any) -> str:
-    """Description of a difference; a missing value is ``MISSING``."""
+    """Returns the description of a difference; a missing value is ``MISSING``."""
     if before is MISSING:
         return f"{place_text(place)} was added: {value_text(after)}"
     if after is MISSING:
@@ -151,7 +151,7 @@ def changed(place: Place, before: Any, after: Any) -> str:
 
 
 def deviation(where: str, message: str) -> Finding:
-    """The finding about a deviation; it is not an error."""
+    """Returns the finding about a deviation; it is not an error."""
     return Finding(where, message, is_error=False)
 
 
@@ -162,7 +162,7 @@ def deviations(
     left_out: Sequence[ExcludedTrial] = (),
     optional_tests: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
-    """Findings about all differences between a study and its frozen plan.
+    """Returns findings about all differences between a study and its frozen plan.
 
     Args:
         store: the study.
@@ -200,7 +200,7 @@ def _software(record: PlanRecord) -> Iterator[Finding]:
 
 
 def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Findings about plug-ins that differ from the frozen record."""
+    """Yields findings about plug-ins that differ from the frozen record."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
         yield deviation("plug-ins", difference)
 
@@ -230,7 +230,7 @@ def _replaced(before: PolicyFile, after: PolicyFile) -> str:
 
 
 def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Findings about excluded, withdrawn and deleted participants, and about the number of completed ones.
+    """Yields findings about excluded, withdrawn and deleted participants, and about the number of completed ones.
 
     Simulated participants are considered only in a study without people.
     """
@@ -260,7 +260,7 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _tests(
     record: PlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
 ) -> Iterator[Finding]:
-    """Findings about tests of the report that are not in the plan, and about planned tests without a result."""
+    """Yields findings about tests of the report that are not in the plan, and about planned tests without a result."""
     plan = record.parsed()
     for test, measures in available_tests.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]

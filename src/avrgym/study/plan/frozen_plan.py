@@ -91,7 +91,7 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
 
 
 def may_adopt(store: Store) -> bool:
-    """Whether the folder contains a frozen plan from another station, without an event in the database."""
+    """Returns whether the folder contains a frozen plan from another station, without an event in the database."""
     return (store.folder / FROZEN).exists() and not _noted(store)
 
 
@@ -162,12 +162,12 @@ def _record(store: Store, plan: str) -> PlanRecord:
 
 
 def sha256(data: bytes) -> str:
-    """SHA-256 of the data as hexadecimal digits."""
+    """Returns the SHA-256 of the data as hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of the software for simulation and analysis."""
+    """Returns the versions of the software for simulation and analysis."""
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
@@ -242,12 +242,12 @@ class FrozenPlan:
 
 
 def _minute(at: str) -> str:
-    """An ISO 8601 time stamp, truncated to the minute."""
+    """Returns an ISO 8601 time stamp, truncated to the minute."""
     return at[:16].replace("T", " ")
 
 
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
-    """The frozen plan of a study; ``None`` if there is none."""
+    """Returns the frozen plan of a study; ``None`` if there is none."""
     path = store.folder / FROZEN
     with store.database.read() as connection:
         noted = [
@@ -284,7 +284,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
 
 
 def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
-    """The frozen plan with its time stamp, registration and errors."""
+    """Returns the frozen plan with its time stamp, registration and errors."""
     faults: list[str] = []
     stamp, registration = None, None
     try:
@@ -303,7 +303,7 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
 
 
 def _is_before_all(store: Store, moment: datetime) -> bool:
-    """Whether all recordings began after ``moment``; false if a recording cannot be read."""
+    """Returns whether all recordings began after ``moment``; false if a recording cannot be read."""
     try:
         return all(
             moment < read_header(path).began_at for path in (store.folder / RECORDINGS).rglob("*.mcap")

@@ -55,7 +55,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
 
     def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
-        """All hypotheses that contain this test and this measure."""
+        """Returns all hypotheses that contain this test and this measure."""
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
     def label(self, test: str, measure: str) -> str:
@@ -139,5 +139,5 @@ def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> 
 
 
 def _listed(names: Iterable[str]) -> str:
-    """The names in quotation marks, because a name may contain commas."""
+    """Returns the names in quotation marks, because a name may contain commas."""
     return ", ".join(f'"{name}"' for name in names)

@@ -74,7 +74,7 @@ def write_template(
 
 
 def template(design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
-    """Text of ``plan.toml`` for a design, with these hypotheses."""
+    """Returns the text of ``plan.toml`` for a design, with these hypotheses."""
     return _TEXT.format(
         title=_toml(design.title),
         design=DESIGN,
@@ -93,7 +93,7 @@ def template(design: Design, available_tests: AvailableTests, hypotheses: Sequen
 
 
 def _not_confirmatory(available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> list[str]:
-    """Tests with at least one measure that is in no hypothesis."""
+    """Returns the tests with at least one measure that is in no hypothesis."""
     confirmatory = {
         (test, measure) for each in hypotheses for test in each.tests for measure in each.measures
     }
@@ -114,7 +114,7 @@ def _hypothesis(hypothesis: Hypothesis) -> str:
 
 
 def _lines(values: Sequence[str]) -> str:
-    """An array in TOML with a line for each value."""
+    """Returns an array in TOML with a line for each value."""
     return "\n".join(["[", *(f"    {_toml(value)}," for value in values), "]"])
 
 

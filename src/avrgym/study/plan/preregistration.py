@@ -155,7 +155,7 @@ def _manipulated(design: Design) -> str:
 
 
 def _measures(design: Design, plan: Plan) -> str:
-    """The primary measures as a Markdown list. Items have their text and scale."""
+    """Returns the primary measures as a Markdown list. Items have their text and scale."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
     return bullet_list(_measure(design, name) for name in names)
 

@@ -31,7 +31,7 @@ _CERTIFICATES = 0xA0
 
 
 def sort_certificates(response: bytes) -> bytes:
-    """The response of a time stamping authority with sorted certificates, as DER requires.
+    """Returns the response of a time stamping authority with sorted certificates, as DER requires.
 
     Raises:
         IndexError: if the bytes are not such a response.
@@ -47,7 +47,7 @@ def sort_certificates(response: bytes) -> bytes:
 
 
 def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """DER elements between two offsets: tag, and offsets of the element, of its content and of its end."""
+    """Yields DER elements between two offsets: tag, and offsets of the element, of its content and of its end."""
     while start < end:
         length, content = data[start + 1], start + 2
         if length & 0x80:
@@ -111,13 +111,15 @@ def _refuse_other(path: Path, data: bytes) -> None:
 
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
-    """The stored time stamp; ``None`` if there is none. Raises ``StudyError`` for the time stamp of another record."""
+    """Returns the stored time stamp; ``None`` if there is none. Raises ``StudyError`` for the time stamp of another
+    record.
+    """
     path = folder / TIME_STAMP
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
 
 def read_registration(folder: Path) -> Registration | None:
-    """The stored registration; ``None`` if there is none. Raises ``StudyError`` if the file is damaged."""
+    """Returns the stored registration; ``None`` if there is none. Raises ``StudyError`` if the file is damaged."""
     path = folder / REGISTRATION
     try:
         return msgspec.json.decode(path.read_bytes(), type=Registration) if path.exists() else None
@@ -161,7 +163,7 @@ def _signer(response: "TimeStampResponse", certificates: Sequence[x509.Certifica
 
 
 def _system_roots() -> list[x509.Certificate]:
-    """All valid root certificates that this computer trusts."""
+    """Returns all valid root certificates that this computer trusts."""
     found: list[x509.Certificate] = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", CryptographyDeprecationWarning)

@@ -26,7 +26,7 @@ def make_link(store: Store, session_id: int, role: str | None = None) -> str:
 
 
 def participants_by_link(store: Store) -> dict[str, int]:
-    """Participant number of each stored link, also those of caregivers, by the link's checksum."""
+    """Returns the participant number of each stored link, also those of caregivers, by the link's checksum."""
     with store.database.read() as connection:
         sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
         return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
@@ -41,7 +41,7 @@ def session_links(store: Store) -> SessionLinks:
 
 
 def _language(store: Store, participant: Participant) -> Language:
-    """The message with the participant's language; English if the study has no texts in this language."""
+    """Returns the message with the participant's language; English if the study has no texts in this language."""
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:
@@ -49,5 +49,5 @@ def _language(store: Store, participant: Participant) -> Language:
 
 
 def language_message(texts: Texts) -> Language:
-    """The message with a participant's language and the texts of the participant's page."""
+    """Returns the message with a participant's language and the texts of the participant's page."""
     return Language(texts.language, texts.direction, dict(texts.page))

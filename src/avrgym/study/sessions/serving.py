@@ -239,7 +239,7 @@ class StudySessions:
         self._clients = deque(watching, maxlen=MAX_CLIENTS)
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
-        """The session in VR; ``None`` if only questions after the session remain."""
+        """Returns the session in VR; ``None`` if only questions after the session remain."""
         if visit.items("after_session") and not has_remaining(self._store, visit.pseudonym):
             return None
         own = furniture_of(self._store, visit.pseudonym)
@@ -347,7 +347,7 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
 
 
 def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
-    """The message about a phase that is not part of a trial."""
+    """Returns the message about a phase that is not part of a trial."""
     text = Text(key)
     return Phase(
         name, texts.render(text), 0, 0, False, None, texts.render_for_page(text), texts.render_by_input(text)

@@ -63,7 +63,7 @@ class DryRun:
 
 
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
-    """Settings of a dry run, from the names of a population and an impairment.
+    """Returns the settings of a dry run, from the names of a population and an impairment.
 
     Raises ``ValueError`` for unknown names, and for another version of the motion.
     """
@@ -212,7 +212,7 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
 
 
 def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
-    """Pseudonym of the simulated participant with this index. A missing participant is enrolled."""
+    """Returns the pseudonym of the simulated participant with this index. A missing participant is enrolled."""
     present = [
         person
         for person in store.participants()

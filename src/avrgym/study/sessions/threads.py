@@ -42,7 +42,7 @@ class StorageQueue:
         return self._thread.submit(store)
 
     def done(self) -> bool:
-        """Whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
+        """Returns whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
         failures = [error for future in self._take_done() if (error := future.exception())]
         if failures:
             raise failures[0]

@@ -172,7 +172,9 @@ class StudyVisit:
         return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """The unanswered items of ``before_session`` or ``after_session``, in the participant's order and language."""
+        """Returns the unanswered items of ``before_session`` or ``after_session``, in the participant's order and
+        language.
+        """
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
@@ -245,7 +247,7 @@ class StudyVisit:
 
 
 def has_remaining(store: Store, pseudonym: str) -> bool:
-    """Whether a trial or an open questionnaire of the participant remains."""
+    """Returns whether a trial or an open questionnaire of the participant remains."""
     return bool(
         store.remaining_trials(pseudonym)
         or attempts_with_open_questionnaire(store, store.attempts(pseudonym))
@@ -253,7 +255,7 @@ def has_remaining(store: Store, pseudonym: str) -> bool:
 
 
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
-    """All trials of a participant: first the completed trials, then the remaining trials."""
+    """Returns all trials of a participant: first the completed trials, then the remaining trials."""
     remaining = store.remaining_trials(pseudonym)
     over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
     return over + remaining
@@ -307,7 +309,7 @@ def plan_session(
 
 
 def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
-    """The first open questionnaire. It is shown before the next trial."""
+    """Returns the first open questionnaire. It is shown before the next trial."""
     left = attempts_with_open_questionnaire(store, store.attempts(pseudonym))
     if not left:
         return None
@@ -331,7 +333,7 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """The policies of all trials that are not completed, or that have an open questionnaire.
+    """Returns the policies of all trials that are not completed, or that have an open questionnaire.
 
     After a crash, an interrupted trial can still have the state ``running``.
     """
@@ -433,7 +435,7 @@ class EventStorage:
         record_session_event(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
-        """Id of the running attempt, or else of the attempt that completed the trial with this number."""
+        """Returns the id of the running attempt, or else of the attempt that completed the trial with this number."""
         if self._attempt is not None:
             return self._attempt.id
         trial = self._trials[number - 1]

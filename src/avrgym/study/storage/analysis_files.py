@@ -14,7 +14,9 @@ FORMAT_NAME = "avrgym analysis"
 
 
 def previous_files(folder: Path) -> list[str] | None:
-    """Files of an earlier analysis in a folder, without its results file; ``None`` without an earlier analysis."""
+    """Returns the files of an earlier analysis in a folder, without its results file; ``None`` without an earlier
+    analysis.
+    """
     try:
         results = json.loads((folder / RESULTS).read_bytes())
         return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
@@ -39,7 +41,7 @@ def remove_analysis(folder: Path) -> None:
 
 
 def unfinished_analyses(folder: Path) -> list[Path]:
-    """Temporary folders of analyses that were killed or are running."""
+    """Returns the temporary folders of analyses that were killed or are running."""
     return sorted(
         path for path in folder.glob(f"{UNFINISHED_PREFIX}*") if path.is_dir() and not path.is_symlink()
     )

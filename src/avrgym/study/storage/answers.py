@@ -102,7 +102,7 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
-    """The answers of the caregiver to their own questions about a session, by item."""
+    """Returns the answers of the caregiver to their own questions about a session, by item."""
     with store.database.read() as connection:
         given = find_all(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
     return {each.item: each.value for each in given}
@@ -127,7 +127,7 @@ def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> No
 def answer_moments(
     design: Design, answers: Iterable[StudyAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
-    """The moment (one of ``MOMENTS``) of each answer, by the answer's id.
+    """Returns the moment (one of ``MOMENTS``) of each answer, by the answer's id.
 
     Arguments must be in the order in which they were stored.
 
@@ -153,7 +153,8 @@ def answer_moments(
 
 
 def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
-    """Ids of a session and of the interrupted sessions directly before it. Together, these sessions are one visit.
+    """Returns the ids of a session and of the interrupted sessions directly before it. Together, these sessions are one
+    visit.
 
     ``sessions``: all sessions of a participant, in order.
     """
@@ -200,7 +201,7 @@ def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
-    """Moment and item of each question about a session that was answered in the session's visit."""
+    """Returns the moment and item of each question about a session that was answered in the session's visit."""
     pseudonym = pseudonym_of(session.participant)
     visit = sessions_of_visit(store.sessions(pseudonym), session.id)
     answers = [
@@ -211,20 +212,20 @@ def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str
 
 
 def _only_moment(design: Design, item_id: str) -> str:
-    """The moment of an item before or after a session; the first moment if the item has both."""
+    """Returns the moment of an item before or after a session; the first moment if the item has both."""
     questionnaire = design.questionnaire_of(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
 
 
 def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
-    """The attempts with an open questionnaire, as defined by ``has_open_questionnaire``."""
+    """Returns the attempts with an open questionnaire, as defined by ``has_open_questionnaire``."""
     with store.database.read() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
 
 def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Whether an attempt completed its trial and has unanswered items that were not skipped."""
+    """Returns whether an attempt completed its trial and has unanswered items that were not skipped."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
         QUESTIONNAIRE_OPEN in names
@@ -246,12 +247,12 @@ def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> N
 
 
 def had_open_questionnaire(connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Whether an attempt had unanswered items when it completed its trial."""
+    """Returns whether an attempt had unanswered items when it completed its trial."""
     return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
 
 
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """An attempt that is running, or that completed its trial with unanswered items."""
+    """Returns an attempt that is running, or that completed its trial with unanswered items."""
     found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if found.state == "completed" and had_open_questionnaire(connection, found):
         return found
@@ -263,7 +264,7 @@ def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
 
 
 def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
-    """Ids of the unanswered items of an attempt; empty for practice trials."""
+    """Returns the ids of the unanswered items of an attempt; empty for practice trials."""
     trial = find(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
@@ -316,7 +317,7 @@ def _insert_answer(
 
 
 def _respondent(connection: sa.Connection, session_id: int) -> str | None:
-    """The person who answers for the participant of a session; ``None`` for the participant."""
+    """Returns the person who answers for the participant of a session; ``None`` for the participant."""
     session = find(connection, StudySession, f"session {session_id}", id=session_id)
     return find(connection, Participant, "participant", number=session.participant).respondent
 

@@ -150,7 +150,7 @@ def finish_attempt(
 def finished_metrics(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
-    """The metrics of an attempt if the robot finished before the program ended; otherwise ``None``.
+    """Returns the metrics of an attempt if the robot finished before the program ended; otherwise ``None``.
 
     Missing answers are copied between recording and database. ``writer_ended``: no process writes the recording; a
     truncated recording is then completed.
@@ -180,7 +180,7 @@ def finished_metrics(
 
 
 def sha256_of(store: Store, recording: str) -> str | None:
-    """SHA-256 of a recording; ``None`` if it does not exist."""
+    """Returns the SHA-256 of a recording; ``None`` if it does not exist."""
     path = store.path(recording)
     if not path.is_file():
         return None
@@ -189,7 +189,7 @@ def sha256_of(store: Store, recording: str) -> str | None:
 
 
 def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
-    """The metrics as stored values. Raises ``StudyError`` for a value that is not finite."""
+    """Returns the metrics as stored values. Raises ``StudyError`` for a value that is not finite."""
     values = msgspec.to_builtins(metrics)
     for name, value in values.items():
         if not math.isfinite(value):
@@ -204,7 +204,7 @@ def _check_idle(connection: sa.Connection, session: StudySession) -> None:
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
-    """The path of an attempt's opened file, relative to the study's folder."""
+    """Returns the path of an attempt's opened file, relative to the study's folder."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
         raise StudyError(
@@ -214,7 +214,7 @@ def _name(store: Store, session: StudySession, recording: Path) -> str:
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
-    """The first free file name, with attempt number ``number`` or higher."""
+    """Returns the first free file name, with attempt number ``number`` or higher."""
     make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"

@@ -42,7 +42,7 @@ class Actor:
 
 
 def account_actor() -> Actor:
-    """The user of this process. The operating system provides the name, not environment variables."""
+    """Returns the user of this process. The operating system provides the name, not environment variables."""
     try:
         import pwd
 
@@ -95,7 +95,7 @@ def add_entry(
 
 
 def _number(pseudonym: str | None) -> int | None:
-    """The participant's number; ``None`` for text that is not a pseudonym."""
+    """Returns the participant's number; ``None`` for text that is not a pseudonym."""
     try:
         return None if pseudonym is None else participant_number(pseudonym)
     except StudyError:
@@ -103,13 +103,13 @@ def _number(pseudonym: str | None) -> int | None:
 
 
 def _next_id(connection: sa.Connection) -> int:
-    """The id for a new entry of this study. Larger ids belong to merged sites."""
+    """Returns the id for a new entry of this study. Larger ids belong to merged sites."""
     ids = sa.select(sa.func.max(schema.LOG.c.id)).where(schema.LOG.c.id < ROWS_PER_SITE)
     return (connection.execute(ids).scalar() or 0) + 1
 
 
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
-    """Numbers of completed and planned participants; ``None`` if there are no results yet.
+    """Returns the numbers of completed and planned participants; ``None`` if there are no results yet.
 
     Simulated participants are counted only in a study without people.
     """
@@ -123,7 +123,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
 
 def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
-    """The person of a log entry as text. ``sites``: names of merged sites by number."""
+    """Returns the person of a log entry as text. ``sites``: names of merged sites by number."""
     who = {
         OWN_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",
@@ -135,5 +135,5 @@ def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
 
 
 def site_names(store: Store) -> dict[int, str]:
-    """Names of the sites of a merged study, by number."""
+    """Returns the names of the sites of a merged study, by number."""
     return {site.number: site.name for site in store.sites()}

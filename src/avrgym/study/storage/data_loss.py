@@ -13,7 +13,7 @@ PARTICIPATION_CONFIRMED = "participation confirmed"
 
 
 def describe_data_loss(store: Store) -> tuple[str, ...]:
-    """Sentences about each rebuild of the database, and about participants with an unknown state."""
+    """Returns sentences about each rebuild of the database, and about participants with an unknown state."""
     return tuple(_sentences(store))
 
 

@@ -158,14 +158,14 @@ class Database:
                     connection.execute(sa.text("VACUUM FULL"))
 
     def faults(self) -> list[tuple[str, str]]:
-        """Errors of the database, its rows and its integrity files, as pairs of place and message."""
+        """Returns the errors of the database, its rows and its integrity files, as pairs of place and message."""
         faults = [*self._integrity_faults(), *self._file_faults()]
         with self.read() as connection:
             faults += hash_chain.faults(connection)
         return faults
 
     def head(self) -> hash_chain.Head:
-        """The head of the hash chain."""
+        """Returns the head of the hash chain."""
         with self.read() as connection:
             return hash_chain.head(connection)
 
@@ -315,7 +315,7 @@ def _scripts(folder: Path) -> ScriptDirectory:
 
 
 def database_url(configured: str) -> str:
-    """URL of the study's database, from the environment variable or else from the design."""
+    """Returns the URL of the study's database, from the environment variable or else from the design."""
     url = os.environ.get(URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):
         raise StudyError(f"{URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name")

@@ -29,5 +29,5 @@ def _check(what: str, text: str, most: int, allowed: str) -> None:
 
 
 def _is_writable(character: str) -> bool:
-    """Whether databases and files can store a character: neither a control character nor a surrogate."""
+    """Returns whether databases and files can store a character: neither a control character nor a surrogate."""
     return not (character < " " or "\x7f" <= character < "\xa0" or "\ud800" <= character < "\ue000")

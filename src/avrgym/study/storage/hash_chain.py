@@ -36,7 +36,9 @@ class Head:
     digest: str = ""
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
-        """The head after one more entry: about the row ``key`` of a table, with the row's checksum ``content``."""
+        """Returns the head after one more entry: about the row ``key`` of a table, with the row's checksum
+        ``content``.
+        """
         return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
 
@@ -70,7 +72,7 @@ def begin_transaction(connection: sa.Connection) -> None:
 
 
 def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
-    """Table and primary key of each row that the transaction has written so far."""
+    """Returns the table and primary key of each row that the transaction has written so far."""
     return frozenset(connection.info[_WRITTEN])
 
 
@@ -93,14 +95,14 @@ def append_entries(connection: sa.Connection) -> Head | None:
 
 
 def head(connection: sa.Connection) -> Head:
-    """Number and digest of the last entry in the hash chain."""
+    """Returns the number and digest of the last entry in the hash chain."""
     last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
     row = connection.execute(last).first()
     return Head(*row) if row else Head()
 
 
 def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
-    """The heads in ``known`` that the hash chain does not contain."""
+    """Returns the heads in ``known`` that the hash chain does not contain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
     held = {number: digest for number, digest in connection.execute(later)} if known else {}
@@ -111,7 +113,7 @@ def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[He
 
 
 def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
-    """Errors of the hash chain and of rows, as pairs of place and message."""
+    """Yields the errors of the hash chain and of rows, as pairs of place and message."""
     try:
         entries = _rows(connection, LEDGER)
     except (SQLAlchemyError, ValueError, TypeError) as error:
@@ -134,7 +136,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
 
 
 def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
-    """Primary keys of a table's unchanged rows; empty if the hash chain cannot be read."""
+    """Returns the primary keys of a table's unchanged rows; empty if the hash chain cannot be read."""
     try:
         entries = _rows(connection, LEDGER)
         found = _contents(connection, table)
@@ -145,7 +147,7 @@ def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
 
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:
-    """Number of the first entry that does not match the entries before it; ``None`` if all match."""
+    """Returns the number of the first entry that does not match the entries before it; ``None`` if all match."""
     before = Head()
     for entry in entries:
         after = before.after(entry["table"], entry["key"], entry["content"])
@@ -173,13 +175,13 @@ def _faults_of(
 
 
 def primary_key(table: sa.Table) -> sa.Column[int]:
-    """The primary key column of a table."""
+    """Returns the primary key column of a table."""
     (key,) = table.primary_key.columns
     return key
 
 
 def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
-    """Checksums of a table's rows by primary key. With ``keys``, only these rows are included.
+    """Returns the checksums of a table's rows by primary key. With ``keys``, only these rows are included.
 
     Columns without a value are ignored, because a later version may add columns.
     """
@@ -193,7 +195,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
-    """The rows of a table. After an error, the transaction can still be used."""
+    """Returns the rows of a table. After an error, the transaction can still be used."""
     query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
         query = query.where(primary_key(table).in_(keys))
@@ -206,7 +208,7 @@ def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:
 
 
 def json_sha256(value: Any) -> str:
-    """SHA-256 (hexadecimal) of a value as compact JSON with sorted keys."""
+    """Returns the SHA-256 (hexadecimal) of a value as compact JSON with sorted keys."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 

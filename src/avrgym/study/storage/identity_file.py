@@ -82,7 +82,7 @@ def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """The file with an added or replaced entry. Raises the errors of ``decrypt``."""
+    """Returns the file with an added or replaced entry. Raises the errors of ``decrypt``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -90,7 +90,7 @@ def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Ident
 
 
 def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
-    """The file without an entry. No key is needed."""
+    """Returns the file without an entry. No key is needed."""
     entries = {name: data for name, data in file.entries.items() if name != pseudonym}
     return msgspec.structs.replace(file, entries=entries)
 
@@ -140,25 +140,25 @@ _NEW = f"{FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
-    """Path of the identity file: the encrypted file, or the unencrypted file if only this file exists."""
+    """Returns the path of the identity file: the encrypted file, or the unencrypted file if only this file exists."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
 
 
 def plain_path(folder: Path) -> Path | None:
-    """Path of the unencrypted identity file; ``None`` if it does not exist."""
+    """Returns the path of the unencrypted identity file; ``None`` if it does not exist."""
     path = folder / FOLDER / PLAIN
     return path if path.exists() else None
 
 
 def key_source(folder: Path) -> KeySource | None:
-    """Key source of the encrypted identity file; ``None`` without such a file."""
+    """Returns the key source of the encrypted identity file; ``None`` without such a file."""
     path = folder / FOLDER / FILE
     return read_encrypted(path).key_source if path.exists() else None
 
 
 def named_pseudonyms(folder: Path) -> set[str]:
-    """Pseudonyms that have an entry. No key is needed. Raises ``StudyError`` if the file is damaged."""
+    """Returns the pseudonyms that have an entry. No key is needed. Raises ``StudyError`` if the file is damaged."""
     path = identity_path(folder)
     if not path.exists():
         return set()
@@ -260,7 +260,7 @@ def _write(folder: Path, name: str, data: bytes) -> None:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Temporary identity files of killed processes. The caller must hold the database lock."""
+    """Returns the temporary identity files of killed processes. The caller must hold the database lock."""
     names = (PLAIN, FILE, _NEW)
     parts = (path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
     return sorted([*parts, *(folder / FOLDER).glob(_NEW)])

@@ -40,7 +40,7 @@ class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def new_key_source(*, passphrase: bool) -> KeySource:
-    """A new key source with a random salt."""
+    """Returns a new key source with a random salt."""
     return KeySource(
         "passphrase" if passphrase else "file", os.urandom(16).hex(), SCRYPT_COST if passphrase else 0
     )
@@ -52,7 +52,7 @@ def set_passphrase(folder: Path, passphrase: str) -> None:
 
 
 def known_passphrase(folder: Path) -> str | None:
-    """Passphrase of the study in a folder; ``None`` if this process does not have it."""
+    """Returns the passphrase of the study in a folder; ``None`` if this process does not have it."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
@@ -89,7 +89,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
 
 
 def key_path(source: KeySource) -> Path:
-    """Path of the key file of a key source."""
+    """Returns the path of the key file of a key source."""
     named = os.environ.get(KEY_FILE)
     return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
 

@@ -96,7 +96,7 @@ class IntegrityFiles:
             self.set_heads(self.heads() or ())
 
     def heads(self) -> list[Head] | None:
-        """The stored heads of the hash chain; ``None`` if none is stored. A truncated last line is ignored.
+        """Returns the stored heads of the hash chain; ``None`` if none is stored. A truncated last line is ignored.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """

@@ -77,7 +77,7 @@ class ItemCatalogue:
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
-        """The item versions of a design in a language. New versions are added."""
+        """Returns the item versions of a design in a language. New versions are added."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
@@ -93,7 +93,7 @@ class ItemCatalogue:
     def version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
     ) -> ItemVersion:
-        """The version of an item. If the item or its text in this language is new, a version is added."""
+        """Returns the version of an item. If the item or its text in this language is new, a version is added."""
         versions = self._versions.setdefault(item.id, [])
         for known, known_number, version in versions:
             if (known, known_number) == (item, questionnaire_number) and version.texts.setdefault(
@@ -116,7 +116,7 @@ class ItemCatalogue:
         self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
     def _questionnaire_number(self, questionnaire: Questionnaire, language: str, words: Items) -> int:
-        """Version number of a questionnaire, from 1."""
+        """Returns the version number of a questionnaire, from 1."""
         content = (
             [questionnaire.use, questionnaire.weights, questionnaire.items] if questionnaire.use else None
         )
@@ -131,17 +131,19 @@ class ItemCatalogue:
 
 
 def version_name(name: str, version: int) -> str:
-    """Name of a version of an item or questionnaire. The first version has the same name as in the design."""
+    """Returns the name of a version of an item or questionnaire. The first version has the same name as in the
+    design.
+    """
     return name if version == 1 else f"{name} (version {version})"
 
 
 def base_name(name: str) -> str:
-    """The name that an item version or questionnaire version has in the design."""
+    """Returns the name that an item version or questionnaire version has in the design."""
     return name.partition(" (version ")[0]
 
 
 def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
-    """The design with all item versions that participants read, in the design's order."""
+    """Returns the design with all item versions that participants read, in the design's order."""
     versions = {version.item.id: version for version in catalogue.versions}
     answered = {version.base_name for version in versions.values()}
     combined = ItemCatalogue()
@@ -211,23 +213,23 @@ class AnsweredItems:
         return self._catalogue.versions
 
     def contains(self, answer: StudyAnswer) -> bool:
-        """Whether the answer existed when this object was created."""
+        """Returns whether the answer existed when this object was created."""
         return answer.id in self._of_answers
 
     def item(self, answer: StudyAnswer) -> Item:
-        """The item of an answer, with the name of its version."""
+        """Returns the item of an answer, with the name of its version."""
         return self._of_answers[answer.id].item
 
     def questionnaire(self, answer: StudyAnswer) -> Questionnaire:
-        """The questionnaire that contains the answer's item."""
+        """Returns the questionnaire that contains the answer's item."""
         return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
 
     def value(self, answer: StudyAnswer) -> int:
-        """The value of an answer on its item's scale."""
+        """Returns the value of an answer on its item's scale."""
         return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
     def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
-        """The item versions of a design for a participant."""
+        """Returns the item versions of a design for a participant."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
@@ -244,7 +246,7 @@ class AnsweredItems:
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: StudyAnswer) -> ItemVersion:
-        """An item version for an answer without a stored text."""
+        """Returns an item version for an answer without a stored text."""
         item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
         about = CAREGIVER if answer.respondent == CAREGIVER else "after_session"
@@ -273,7 +275,7 @@ class _ParticipantItems:
         self._by_attempt: dict[int | None, Form] = {}
 
     def form(self, answer: StudyAnswer) -> Form:
-        """The item versions that the participant read at the time of an answer."""
+        """Returns the item versions that the participant read at the time of an answer."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]
         return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)
@@ -293,7 +295,7 @@ class _ParticipantItems:
         return self._by_attempt[attempt]
 
     def _recorded(self, attempt: TrialAttempt) -> Design:
-        """The current design, with the values that the attempt's recording contains."""
+        """Returns the current design, with the values that the attempt's recording contains."""
         design = self._store.design
         translate = translator(self._store, self._participant.language or design.languages[0], None)
         configuration = read_header(self._store.path(attempt.recording)).configuration

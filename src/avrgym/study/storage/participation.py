@@ -92,11 +92,11 @@ class Participation:
         return self.entries[0].digest
 
     def rebuilds(self) -> list[Content]:
-        """Contents of all entries about rebuilds of the database."""
+        """Returns the contents of all entries about rebuilds of the database."""
         return [each for each in self.without_participant if each["event"] == REBUILT]
 
     def consents(self, participant: int) -> list[RecordedConsent]:
-        """All consents of a participant."""
+        """Returns all consents of a participant."""
         own = [each.content for each in self.entries if each.participant == participant and each.content]
         return [
             RecordedConsent(
@@ -110,12 +110,12 @@ class Participation:
         ]
 
     def is_signed_by_user(self) -> bool:
-        """Whether this user's key signed the last entry, whose digest covers all others."""
+        """Returns whether this user's key signed the last entry, whose digest covers all others."""
         own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
     def contains(self, digest: str) -> bool:
-        """Whether an entry has this digest."""
+        """Returns whether an entry has this digest."""
         return any(each.digest == digest for each in reversed(self.entries))
 
 
@@ -195,7 +195,7 @@ class ParticipationList:
         os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 
     def invalid_copies(self) -> list[Path]:
-        """Paths of renamed invalid lists."""
+        """Returns the paths of renamed invalid lists."""
         return sorted(path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY.fullmatch(path.name))
 
     def _version(self) -> object:
@@ -216,12 +216,12 @@ class ParticipationList:
 
 
 def content_of(state: str, at: str, **values: Any) -> Content:
-    """Content of an entry about a participant. Values that are ``None`` are omitted."""
+    """Returns the content of an entry about a participant. Values that are ``None`` are omitted."""
     return {"state": state, "at": at} | {name: value for name, value in values.items() if value is not None}
 
 
 def has_same_content(content: Content, other: Content | None) -> bool:
-    """Whether two contents are equal, apart from time and salt."""
+    """Returns whether two contents are equal, apart from time and salt."""
     return other is not None and _without_time(content) == _without_time(other)
 
 

@@ -48,7 +48,7 @@ Contents = Mapping[int, Content]
 
 
 def participant_values(content: Content) -> dict[str, Any]:
-    """The values for a participant's row in the content of an entry, without the state."""
+    """Returns the values for a participant's row in the content of an entry, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
 
@@ -98,7 +98,9 @@ def _append(
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Whether a content differs from the latest one of the participant and may replace it. Final states stay."""
+    """Returns whether a content differs from the latest one of the participant and may replace it. Final states
+    stay.
+    """
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL_STATES and content["state"] not in FINAL_STATES:
         return False
@@ -112,7 +114,9 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """Contents of entries about participants and deleted participants. Numbers select some of them; default: all."""
+    """Returns the contents of entries about participants and deleted participants. Numbers select some of them;
+    default: all.
+    """
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
     found = {
@@ -127,7 +131,7 @@ def _contents(
 
 
 def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) -> Iterator[Content]:
-    """Contents of entries about rebuilds of the database, from its events."""
+    """Yields the contents of entries about rebuilds of the database, from its events."""
     for row in _all(connection, list(EVENT.c), EVENT.c.id, keys):
         if row["name"] == REBUILT:
             yield _without_participant(connection, REBUILT, row["at"], row["detail"])
@@ -138,7 +142,7 @@ def _without_participant(connection: sa.Connection, event: str, at: str, detail:
 
 
 def chain_id(connection: sa.Connection) -> str | None:
-    """Id of the database's hash chain: its first digest; ``None`` for an empty chain."""
+    """Returns the id of the database's hash chain: its first digest; ``None`` for an empty chain."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
 
@@ -203,7 +207,7 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
-    """Whether the database lacks a final state. Without a row, only a deletion can be missing."""
+    """Returns whether the database lacks a final state. Without a row, only a deletion can be missing."""
     if found is None:
         return final["state"] == DELETED
     return found["state"] not in FINAL_STATES

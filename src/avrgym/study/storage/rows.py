@@ -18,12 +18,12 @@ RECORDINGS = "recordings"
 
 
 def pseudonym_of(number: int) -> str:
-    """Pseudonym of a participant number, such as ``sub-001``."""
+    """Returns the pseudonym of a participant number, such as ``sub-001``."""
     return f"sub-{number:03}"
 
 
 def participant_number(pseudonym: str) -> int:
-    """Participant number of a pseudonym. Raises ``StudyError`` for other text, such as a path."""
+    """Returns the participant number of a pseudonym. Raises ``StudyError`` for other text, such as a path."""
     if re.fullmatch(r"sub-[0-9]{3,9}", pseudonym):
         number = int(pseudonym.removeprefix("sub-"))
         if number > 0 and pseudonym_of(number) == pseudonym:
@@ -62,7 +62,7 @@ class Participant:
         return pseudonym_of(self.number)
 
     def must_reconsent(self, version: str) -> bool:
-        """Whether the participant is in the study and accepted another consent text than this version."""
+        """Returns whether the participant is in the study and accepted another consent text than this version."""
         return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
 
     @property

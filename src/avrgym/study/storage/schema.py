@@ -27,12 +27,14 @@ METADATA = MetaData(
 
 
 def now() -> str:
-    """The current time in the stored format (ISO 8601, UTC)."""
+    """Returns the current time in the stored format (ISO 8601, UTC)."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def new_salt() -> str:
-    """A random salt for a row. With it, the checksum of a deleted row reveals nothing about the row's contents."""
+    """Returns a random salt for a row. With it, the checksum of a deleted row reveals nothing about the row's
+    contents.
+    """
     return token_hex(16)
 
 

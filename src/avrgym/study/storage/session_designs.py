@@ -25,7 +25,7 @@ AFTER_TRIAL = "after_trial"
 def design_as_recorded(
     design: Design, trial: Trial, configuration: Configuration, translate: Translate
 ) -> Design:
-    """The design with the values that a trial's recording contains.
+    """Returns the design with the values that a trial's recording contains.
 
     Args:
         design: source of values that are not recorded.
@@ -70,12 +70,12 @@ def _asked(
 
 
 def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
-    """The design's item if the recorded text is its translation; otherwise the recorded item."""
+    """Returns the design's item if the recorded text is its translation; otherwise the recorded item."""
     return known if known is not None and item in (known, translate_item(known, translate)) else item
 
 
 def translate_item(item: Item, translate: Translate) -> Item:
-    """The item with translated texts."""
+    """Returns the item with translated texts."""
     return msgspec.structs.replace(
         item,
         text=translate(item.text),
@@ -96,7 +96,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """The questionnaires, and one more for recorded items that are in no questionnaire after trials."""
+    """Returns the questionnaires, and one more for recorded items that are in no questionnaire after trials."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
@@ -129,7 +129,7 @@ class SessionDesign:
 
 
 def session_designs(store: Store, participants: Sequence[Participant] | None = None) -> list[SessionDesign]:
-    """The designs of all sessions, from the database or else from the sessions' recordings.
+    """Returns the designs of all sessions, from the database or else from the sessions' recordings.
 
     ``participants``: only sessions of these participants; default: all.
     """
@@ -143,7 +143,7 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
 
 
 def recorded_designs(store: Store) -> list[SessionDesign]:
-    """The designs of all sessions, from the sessions' recordings.
+    """Returns the designs of all sessions, from the sessions' recordings.
 
     Values that recordings lack come from the database, or else from the study's current design. Trials without a
     readable recording are omitted. The inclusion questions are those that the participant answered.
@@ -160,7 +160,7 @@ def recorded_designs(store: Store) -> list[SessionDesign]:
 
 
 def design_from_row(row: StoredDesign) -> Design:
-    """The design in a row. Raises ``StudyError`` if the row is damaged."""
+    """Returns the design in a row. Raises ``StudyError`` if the row is damaged."""
     try:
         return design_from_dict(row.design)
     except msgspec.ValidationError as error:
@@ -168,7 +168,9 @@ def design_from_row(row: StoredDesign) -> Design:
 
 
 def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """A function that translates a design's sentences, by stored ``wordings`` or else by the study's current texts."""
+    """Returns a function that translates a design's sentences, by stored ``wordings`` or else by the study's current
+    texts.
+    """
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
         return lambda sentence: known.get(normalize_whitespace(sentence), sentence)
@@ -196,7 +198,7 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
-    """Whether the merge accepted differences between sites, and ``own`` contains all sessions of its sites."""
+    """Returns whether the merge accepted differences between sites, and ``own`` contains all sessions of its sites."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]
@@ -208,7 +210,7 @@ def _key(entry: SessionDesign) -> tuple[int, tuple[int, ...]]:
 
 
 def _ranges(positions: list[int]) -> str:
-    """Positions of trials as text, such as "trials 1 to 4"."""
+    """Returns the positions of trials as text, such as "trials 1 to 4"."""
     if not positions:
         return "no trial"
     ranges: list[list[int]] = []
@@ -222,7 +224,7 @@ def _ranges(positions: list[int]) -> str:
 
 
 def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
-    """The inclusion questions that each participant answered, by participant number."""
+    """Returns the inclusion questions that each participant answered, by participant number."""
     return {row.participant: design_from_row(row).inclusion for row in store.designs() if row.session is None}
 
 
@@ -258,7 +260,7 @@ def _recorded(
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
 ) -> Iterator[SessionDesign]:
-    """All different designs in the recordings of a session.
+    """Yields all different designs in the recordings of a session.
 
     Without a stored design, missing values come from the other recordings of the session.
     """

@@ -25,7 +25,7 @@ class SessionSummary:
 
 
 def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
-    """The sessions of a participant, in order."""
+    """Returns the sessions of a participant, in order."""
     events = store.events()
     completed = [each.session for each in store.attempts(pseudonym) if each.state == "completed"]
     return [
@@ -43,7 +43,7 @@ def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
 
 
 def earlier_headset_s(store: Store, session: StudySession) -> float:
-    """Time in VR in seconds of the interrupted sessions that a session continues."""
+    """Returns the time in VR in seconds of the interrupted sessions that a session continues."""
     sessions = store.sessions(pseudonym_of(session.participant))
     return _headset_s(store.events(), set(sessions_of_visit(sessions, session.id)) - {session.id})
 

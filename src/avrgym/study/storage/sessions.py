@@ -86,7 +86,7 @@ def close_session(store: Store, session_id: int) -> None:
 
 
 def has_finished(store: Store, connection: sa.Connection, participant: Participant) -> bool:
-    """Whether a participant has completed all trials and questionnaires."""
+    """Returns whether a participant has completed all trials and questionnaires."""
     trials = find_all(connection, Trial, participant=participant.number)
     completed = all(trial.state == "completed" for trial in trials)
     return completed and not _is_any_open(store, connection, trials)
@@ -141,7 +141,7 @@ def end_open_sessions(
 
 
 def may_be_running(store: Store, session: StudySession) -> bool:
-    """Whether the process of an open session may be running; always true for a process at another station.
+    """Returns whether the process of an open session may be running; always true for a process at another station.
 
     In a merged study, no session is running.
     """

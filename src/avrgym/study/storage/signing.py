@@ -36,7 +36,7 @@ class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
 
 
 def user_key() -> Ed25519PrivateKey | None:
-    """The user's signing key. A missing key is created. ``None`` if no key can be read or written."""
+    """Returns the user's signing key. A missing key is created. ``None`` if no key can be read or written."""
     try:
         return _key_in(user_data_folder())
     except (OSError, ValueError):
@@ -71,12 +71,12 @@ def _make_key(path: Path) -> None:
 
 
 def public_key(key: Ed25519PrivateKey) -> str:
-    """The public key as hexadecimal digits."""
+    """Returns the public key as hexadecimal digits."""
     return key.public_key().public_bytes_raw().hex()
 
 
 def is_signed(public: str, signature: str, text: str) -> bool:
-    """Whether the signature of a text is valid for a public key."""
+    """Returns whether the signature of a text is valid for a public key."""
     try:
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public))
         key.verify(bytes.fromhex(signature), text.encode())
@@ -95,14 +95,14 @@ def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
 
 
 def last_entry(folder: Path) -> LastEntry | None:
-    """The stored last entry for the study in a folder; ``None`` if there is none."""
+    """Returns the stored last entry for the study in a folder; ``None`` if there is none."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
 def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
-    """The stored last entry of a list, if the study's folder was moved; otherwise ``None``."""
+    """Returns the stored last entry of a list, if the study's folder was moved; otherwise ``None``."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

@@ -19,17 +19,17 @@ RECORDING_LEFT_OUT = "recording left out"
 
 
 def merged_participant_number(site: int, number: int) -> int:
-    """Participant number in the merged study, from site number and number at the site."""
+    """Returns the participant number in the merged study, from site number and number at the site."""
     return site * PEOPLE_PER_SITE + number
 
 
 def site_number_of(number: int) -> int:
-    """Site number of a participant in the merged study."""
+    """Returns the site number of a participant in the merged study."""
     return number // PEOPLE_PER_SITE
 
 
 def merged_id(site: int, row: int) -> int:
-    """Row id in the merged study, from site number and id at the site."""
+    """Returns the row id in the merged study, from site number and id at the site."""
     return site * ROWS_PER_SITE + row
 
 

@@ -24,7 +24,7 @@ _COMPILED: dict[Any, Any] = {}
 
 
 def make_engine(path: Path) -> sa.Engine:
-    """An SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
+    """Returns an SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
     template = _template()
@@ -54,14 +54,14 @@ def make_engine(path: Path) -> sa.Engine:
 
 @cache
 def _template() -> sa.Engine:
-    """An engine with an initialised SQL dialect."""
+    """Returns an engine with an initialised SQL dialect."""
     engine = sa.create_engine("sqlite://")
     engine.connect().close()
     return engine
 
 
 def database_checksum(connection: sa.Connection) -> str:
-    """SHA-256 of the database's file, including its write-ahead log.
+    """Returns the SHA-256 of the database's file, including its write-ahead log.
 
     The file is read through SQLite, because closing another file handle would release SQLite's locks.
     """
@@ -71,13 +71,13 @@ def database_checksum(connection: sa.Connection) -> str:
 
 
 def checksum_at_rest(path: Path) -> str:
-    """SHA-256 of a database without open connections. Raises ``sqlite3.Error`` if it cannot be read."""
+    """Returns the SHA-256 of a database without open connections. Raises ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
 def faults(connection: sa.Connection) -> list[str]:
-    """Errors that SQLite's own checks report."""
+    """Returns the errors that SQLite's own checks report."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     return [text for text in found if text != "ok"] + [

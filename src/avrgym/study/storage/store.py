@@ -142,7 +142,7 @@ class Store:
             yield connection
 
     def path(self, relative: str) -> Path:
-        """Absolute path of a file in the study.
+        """Returns the absolute path of a file in the study.
 
         Raises ``StudyError`` if the path, or the target of a symbolic link, is outside the study's folder.
         """
@@ -152,7 +152,7 @@ class Store:
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """Source of a policy of the design: a file in the study's folder, or else the policy's name.
+        """Returns the source of a policy of the design: a file in the study's folder, or else the policy's name.
 
         For a condition, it is the source of the condition's policy.
 
@@ -174,79 +174,79 @@ class Store:
         return policy
 
     def participants(self) -> list[Participant]:
-        """All participants, ordered by number."""
+        """Returns all participants, ordered by number."""
         return self._rows(Participant)
 
     def participant(self, pseudonym: str) -> Participant:
-        """The participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
+        """Returns the participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
         with self.database.read() as connection:
             return find_participant(connection, pseudonym)
 
     def sessions(self, pseudonym: str) -> list[StudySession]:
-        """A participant's sessions in order."""
+        """Returns a participant's sessions in order."""
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
     def designs(self) -> list[StoredDesign]:
-        """All stored designs, of sessions and of admissions."""
+        """Returns all stored designs, of sessions and of admissions."""
         return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
-        """A participant's trials in the planned order."""
+        """Returns a participant's trials in the planned order."""
         return self._rows(Trial, participant=participant_number(pseudonym))
 
     def remaining_trials(self, pseudonym: str) -> list[Trial]:
-        """The trials that are not completed: first the planned, then the skipped trials."""
+        """Returns the trials that are not completed: first the planned, then the skipped trials."""
         trials = self.trials(pseudonym)
         return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
 
     def attempts(self, pseudonym: str) -> list[TrialAttempt]:
-        """All attempts at a participant's trials, in the order of their start."""
+        """Returns all attempts at a participant's trials, in the order of their start."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
 
     def answers(self, pseudonym: str) -> list[StudyAnswer]:
-        """All answers of a participant, in order of time."""
+        """Returns all answers of a participant, in order of time."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [answer for answer in self._rows(StudyAnswer) if answer.session in sessions]
 
     def events(self) -> list[StudyEvent]:
-        """All events of the study."""
+        """Returns all events of the study."""
         return self._rows(StudyEvent)
 
     def participation(self) -> Participation | None:
-        """The participation list; ``None`` if there is none."""
+        """Returns the participation list; ``None`` if there is none."""
         return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
-        """Time of the first rebuild of the database; ``None`` without a rebuild."""
+        """Returns the time of the first rebuild of the database; ``None`` without a rebuild."""
         return next((event.at for event in self.events() if event.name == REBUILT), None)
 
     def notes(self, pseudonym: str) -> list[Note]:
-        """All notes about a participant."""
+        """Returns all notes about a participant."""
         return self._rows(Note, participant=participant_number(pseudonym))
 
     def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
-        """All reports of a participant's adverse events, in the order of recording."""
+        """Returns all reports of a participant's adverse events, in the order of recording."""
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def consents(self, pseudonym: str) -> list[Consent]:
-        """All decisions of a participant about consent texts, in order."""
+        """Returns all decisions of a participant about consent texts, in order."""
         return self._rows(Consent, participant=participant_number(pseudonym))
 
     def consent_texts(self) -> list[ConsentText]:
-        """All archived consent texts, in the order of their first use."""
+        """Returns all archived consent texts, in the order of their first use."""
         return self._rows(ConsentText)
 
     def tombstones(self) -> list[Tombstone]:
-        """The deleted participants."""
+        """Returns the deleted participants."""
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
-        """All entries of the audit log, in the order in which they were stored."""
+        """Returns all entries of the audit log, in the order in which they were stored."""
         return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:
-        """The sites of a merged study; empty for a study that is not merged."""
+        """Returns the sites of a merged study; empty for a study that is not merged."""
         return self._rows(Site)
 
     def _rows(self, kind: type[Row], **key: int) -> list[Row]:
@@ -286,7 +286,9 @@ def _can_write(folder: Path) -> bool:
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
-    """The first row with these values. Raises ``StudyError`` if there is none; ``what`` names it in the message."""
+    """Returns the first row with these values. Raises ``StudyError`` if there is none; ``what`` names it in the
+    message.
+    """
     rows = find_all(connection, kind, **key)
     if not rows:
         raise StudyError(f"there is no {what} in this study; `avrgym study status` lists its participants")
@@ -294,17 +296,17 @@ def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> R
 
 
 def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
-    """The participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
+    """Returns the participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
     return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
 
 
 def find_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """The session with this id."""
+    """Returns the session with this id."""
     return find(connection, StudySession, f"session {session_id}", id=session_id)
 
 
 def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """The session with this id. Raises ``StudyError`` if it is not open."""
+    """Returns the session with this id. Raises ``StudyError`` if it is not open."""
     session = find_session(connection, session_id)
     if session.state != "open":
         raise StudyError(f"{session} is {session.state}; it must be open")
@@ -312,7 +314,7 @@ def find_open_session(connection: sa.Connection, session_id: int) -> StudySessio
 
 
 def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """The attempt with this id. Raises ``StudyError`` if it is not running."""
+    """Returns the attempt with this id. Raises ``StudyError`` if it is not running."""
     attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if attempt.state != "running":
         raise StudyError(f"{attempt} is {attempt.state}; it must be running")
@@ -320,13 +322,13 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 
 
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
-    """The trial at a position in the order of the session's participant."""
+    """Returns the trial at a position in the order of the session's participant."""
     own = {"participant": session.participant, "position": position}
     return find(connection, Trial, f"trial {position}", **own)
 
 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
-    """All rows with these values, ordered by primary key."""
+    """Returns all rows with these values, ordered by primary key."""
     table = TABLES[kind]
     names = _columns(kind)
     query = sa.select(*(table.c[name] for name in names))
@@ -366,7 +368,7 @@ def change_state(
 
 
 def subject_of(session: StudySession) -> dict[str, int]:
-    """Participant and session of an event in a session."""
+    """Returns the participant and session of an event in a session."""
     return {"participant": session.participant, "session": session.id}
 
 
@@ -388,7 +390,7 @@ def record_event(connection: sa.Connection, name: str, detail: str, subject: Map
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
-    """The row as a dataclass. Raises ``ValueError`` for a wrong type or an unknown state."""
+    """Returns the row as a dataclass. Raises ``ValueError`` for a wrong type or an unknown state."""
     state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
     if state is not None and state not in known:
         raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")

@@ -12,7 +12,7 @@ from avrgym.study.storage.states import StudyError
 
 
 def traces_of_database(folder: Path) -> list[str]:
-    """Names of files and folders that exist only if the study had a database."""
+    """Returns the names of files and folders that exist only if the study had a database."""
     found: list[str] = []
     if identity_file.named_pseudonyms(folder):
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
@@ -23,7 +23,7 @@ def traces_of_database(folder: Path) -> list[str]:
 
 
 def used_numbers(folder: Path) -> set[int]:
-    """Participant numbers in the identity file, the participation list and the recordings."""
+    """Returns the participant numbers in the identity file, the participation list and the recordings."""
     listed = ParticipationList(folder).read()
     known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known

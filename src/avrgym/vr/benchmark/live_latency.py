@@ -103,7 +103,9 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
 
 
 def _stolen_s() -> float:
-    """CPU steal of all processors since the start of the system, seconds; 0 if the system does not report it."""
+    """Returns CPU steal of all processors since the start of the system, seconds; 0 if the system does not report
+    it.
+    """
     statistics = Path("/proc/stat")
     if not statistics.exists():
         return 0.0

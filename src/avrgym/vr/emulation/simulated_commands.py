@@ -95,7 +95,7 @@ class SimulatedCommands:
         return planned
 
     def _given(self, command: CommandName) -> tuple[CommandName, Source] | None:
-        """The command with the first allowed source that can give it."""
+        """Returns the command with the first allowed source that can give it."""
         assert self._offered is not None
         for source in self._offered.sources:
             if source not in CONTINUOUS_SOURCES and command in commands_of(source):
@@ -103,7 +103,7 @@ class SimulatedCommands:
         return None
 
     def _interval_s(self) -> float:
-        """Time until the next command that is not intended."""
+        """Returns the time until the next command that is not intended."""
         rate = self._traits.false_per_min
         interval_s = float(self._random.exponential())
         return 60.0 * interval_s / rate if rate else np.inf

@@ -149,6 +149,6 @@ def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
 
 
 def is_valid(pose: XRPose) -> bool:
-    """Whether a pose is finite, within 10 m of the origin, and has a unit quaternion."""
+    """Returns whether a pose is finite, within 10 m of the origin, and has a unit quaternion."""
     within = all(abs(number) <= MAX_DISTANCE_M for number in (*pose.position, *pose.orientation))
     return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_TOLERANCE

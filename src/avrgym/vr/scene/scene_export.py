@@ -61,7 +61,9 @@ class Finish:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
-        """The finish of a material id (−1: no material). Values are rounded to reduce the number of finishes."""
+        """Returns the finish of a material id (−1: no material). Values are rounded to reduce the number of
+        finishes.
+        """
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
@@ -276,7 +278,9 @@ def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 
 def _carrier(model: mujoco.MjModel, body: int) -> int:
-    """The topmost ancestor to which a body is fixed. Children of the world count as movable: episodes place them."""
+    """Returns the topmost ancestor to which a body is fixed. Children of the world count as movable: episodes place
+    them.
+    """
     while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
         body = int(model.body_parentid[body])
     return body

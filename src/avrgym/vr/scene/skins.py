@@ -61,7 +61,7 @@ class Skin:
 
 
 def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
-    """All skins of a model. Adjacent skins of one material have the same normals at their border."""
+    """Yields all skins of a model. Adjacent skins of one material have the same normals at their border."""
     normals, colours = _normals(model), skin_colours(model)
     for skin in range(model.nskin):
         count: int = model.skin_vertnum[skin]

@@ -30,7 +30,7 @@ WATCHER_MESSAGES = (Status, Timing)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
-    """Whether connections of this role receive a message."""
+    """Returns whether connections of this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
     if isinstance(message, Targets):

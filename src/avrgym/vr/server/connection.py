@@ -86,8 +86,9 @@ class FrameTimes:
             del self._received_s[next(iter(self._received_s))]
 
     def newest_frame_times(self, state: State, created_s: float) -> Passed | None:
-        """The times of the newest frame in a state that is sent now; ``None`` if an earlier state already included
-        it."""
+        """Returns the times of the newest frame in a state that is sent now; ``None`` if an earlier state already
+        included it.
+        """
         received_s = self._received_s.pop(state.tracking_sequence, None)
         if received_s is None:
             return None

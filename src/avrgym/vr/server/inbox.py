@@ -75,14 +75,14 @@ class Inbox:
 
 
 def stops_robot(message: object) -> bool:
-    """Whether a message stops the robot immediately: an emergency stop, or a loss of visibility."""
+    """Returns whether a message stops the robot immediately: an emergency stop, or a loss of visibility."""
     return is_stop(message) or (
         isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"
     )
 
 
 def is_stop(message: object) -> bool:
-    """Whether a message is an emergency stop."""
+    """Returns whether a message is an emergency stop."""
     if isinstance(message, messages.RobotCommand | messages.WatcherRobotCommand):
         return message.name == "stop"
     return isinstance(message, messages.Stop) or message == _STOP

@@ -171,7 +171,9 @@ class RealTimeLoop(Generic[S]):
 
 
 def _clock_s() -> float:
-    """Seconds on a clock that continues while the computer is suspended. ``time.monotonic`` does so only on Windows."""
+    """Returns the seconds on a clock that continues while the computer is suspended. ``time.monotonic`` does so only on
+    Windows.
+    """
     clock = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 

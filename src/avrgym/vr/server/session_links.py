@@ -92,7 +92,7 @@ class SessionLinks:
             self.on_end()
 
     def opens(self, token: str) -> bool:
-        """Whether a token is the link of the current session."""
+        """Returns whether a token is the link of the current session."""
         present = self._open
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 

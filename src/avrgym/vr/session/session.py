@@ -246,7 +246,7 @@ class Session:
         self._state.prevent_trials(decision)
 
     def _is_over(self) -> bool:
-        """Whether a stop rule ends the session, and the last trial is stored."""
+        """Returns whether a stop rule ends the session, and the last trial is stored."""
         storage = self._state.storage
         idle = storage.attempt is None and storage.completing is None and not self._phase.robot_finished
         return self._state.ending and idle
@@ -258,7 +258,7 @@ class Session:
         return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
-        """Enter a phase, unless it is the current one. Returns whether the phase has changed."""
+        """Returns the enter a phase, unless it is the current one. Returns whether the phase has changed."""
         if phase is self._phase:
             return False
         self._enter(phase)

@@ -203,7 +203,8 @@ def _swivelling(
 
 
 def _entries() -> FloatArray:
-    """A matrix (11, 18) that maps the frames of upper arm and forearm to the inputs of ``_solutions`` and ``_costs``.
+    """Returns a matrix (11, 18) that maps the frames of upper arm and forearm to the inputs of ``_solutions`` and
+    ``_costs``.
 
     Rows 0–3 are sines and rows 4–7 cosines of the unlimited angles, both times a positive number. Rows 8–9 are the
     sines of the bending angles. Row 10 is the component of the elbow's direction along its rest direction.
@@ -220,7 +221,9 @@ _ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
-    """The elbow's angle for a distance of the wrist, and the angle between upper arm and the line to the wrist."""
+    """Returns the elbow's angle for a distance of the wrist, and the angle between upper arm and the line to the
+    wrist.
+    """
     upper, fore = lengths.upper_m, lengths.fore_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
     angle = -acos(min(max(cosine, -1.0), 1.0))
@@ -267,7 +270,9 @@ def _turning_axes(below: float) -> list[list[float]]:
 
 
 def _harmonics(swivels_rad: Sequence[float]) -> FloatArray:
-    """Cosines, sines and ones (3, K) of K swivel angles: the factors of the coefficients of ``_turning_axes``."""
+    """Returns the cosines, sines and ones (3, K) of K swivel angles: the factors of the coefficients of
+    ``_turning_axes``.
+    """
     return np.array(
         [
             [cos(swivel) for swivel in swivels_rad],

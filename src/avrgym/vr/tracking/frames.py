@@ -136,7 +136,7 @@ class TrackingFeed:
             self._recent.popleft()
 
     def _is_usable(self, frame: Tracking) -> bool:
-        """Whether a frame has a head pose, valid numbers, and continues the stream."""
+        """Returns whether a frame has a head pose, valid numbers, and continues the stream."""
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
         sound = frame.head is not None and all(is_valid(pose) for pose in poses)
         return sound and self._numbering.accepts(frame.sequence)

@@ -61,41 +61,41 @@ class Phase:
         """Take the intervals between the rendered frames of the last second."""
 
     def enter_vr(self) -> Phase:
-        """The participant entered VR, or takes part without a headset."""
+        """Returns the participant entered VR, or takes part without a headset."""
         return self
 
     def leave_vr(self) -> Phase:
-        """The participant left VR."""
+        """Returns the participant left VR."""
         return self
 
     def disconnect(self) -> Phase:
-        """The participant's connection is lost."""
+        """Returns the participant's connection is lost."""
         self.state.sink.report(events.ConnectionLost(self.state.now_s))
         return self
 
     def on_origin_reset(self) -> Phase:
-        """The origin of tracking has changed; the participant's position and direction are unknown."""
+        """Returns the origin of tracking has changed; the participant's position and direction are unknown."""
         return self
 
     def on_ready(self) -> Phase:
-        """The participant pressed the trigger to continue."""
+        """Returns the participant pressed the trigger to continue."""
         return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
-        """The participant reports that body or seat does not fit."""
+        """Returns the participant reports that body or seat does not fit."""
         return self._refuse("measured_between_trials")
 
     def request_break(self, by: events.Initiator) -> Phase:
-        """Participant or experimenter request a break, which follows before the next trial."""
+        """Returns the participant or experimenter request a break, which follows before the next trial."""
         self.state.request_break(by)
         return self._refuse("break_follows", by)
 
     def answer(self, answer: messages.Answer) -> Phase:
-        """The participant answered a question."""
+        """Returns the participant answered a question."""
         return self._refuse("no_question")
 
     def go_back(self) -> Phase:
-        """The participant wants to change an earlier answer."""
+        """Returns the participant wants to change an earlier answer."""
         return self._refuse("no_way_back")
 
     def command_robot(self, command: CommandName, source: Source) -> None:
@@ -105,7 +105,7 @@ class Phase:
     # Messages of participant or experimenter ------------------------------------------------------------------------
 
     def stop(self, by: events.Initiator, method: StopMethod | None = None) -> Phase:
-        """The emergency stop: stop the robot immediately. The running trial may be repeated.
+        """Returns the emergency stop: stop the robot immediately. The running trial may be repeated.
 
         ``method`` is the participant's stop method.
         """
@@ -161,11 +161,11 @@ class Phase:
     # Called in each tick, in this order -----------------------------------------------------------------------
 
     def cancel(self) -> Phase:
-        """The session was ended elsewhere, or a stop rule ends it."""
+        """Returns the session was ended elsewhere, or a stop rule ends it."""
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
-        """The participant cannot act, or the process was suspended. If the robot has finished, the attempt
+        """Returns the participant cannot act, or the process was suspended. If the robot has finished, the attempt
         continues."""
         self.state.record_event(interruption.name, interruption.why)
         self.state.sink.report(interruption.event)
@@ -177,24 +177,24 @@ class Phase:
         return None
 
     def finish_step(self, step: ControlStep) -> Phase:
-        """The robot has finished a control step."""
+        """Returns the robot has finished a control step."""
         return self
 
     def fail(self, error: Exception) -> Phase:
-        """An event or attempt cannot be stored."""
+        """Returns an event or attempt cannot be stored."""
         self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
-        """The completion of a trial has been stored."""
+        """Returns the completion of a trial has been stored."""
         return self
 
     def wait(self) -> Phase:
-        """If the event for which the phase waits has occurred, returns the next phase."""
+        """Returns the if the event for which the phase waits has occurred, returns the next phase."""
         return self
 
     def on_timeout(self) -> Phase:
-        """The phase's ``seconds`` are over."""
+        """Returns the phase's ``seconds`` are over."""
         return self
 
     # -------------------------------------------------------------------------------------------------------------
