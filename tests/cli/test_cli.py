@@ -231,7 +231,7 @@ def error_line(result: Result) -> str:
 @pytest.mark.parametrize(
     ("arguments", "allowed"),
     [
-        (["evaluate"], f"--all; the environments are {ENVIRONMENT}"),
+        (["evaluate"], f"allowed: --all, or some of {ENVIRONMENT}"),
         (["evaluate", "avrgym/Nope-v1"], ENVIRONMENT),
         (["evaluate", ENVIRONMENT, "--people", "martians"], "original, revised"),
         (["evaluate", ENVIRONMENT, "--impairment", "gout"], "none, limits, weakness, tremor"),

@@ -69,7 +69,7 @@ def select_environments(environments: list[str] | None, every: bool) -> list[str
     if every:
         return list(ENVIRONMENTS)
     if not environments:
-        raise ValueError(f"name an environment or --all; the environments are {', '.join(ENVIRONMENTS)}")
+        raise ValueError(f"no environment was given; allowed: --all, or some of {', '.join(ENVIRONMENTS)}")
     for environment in environments:
         find_environment(environment)
     return environments

@@ -68,7 +68,7 @@ def check_json(path: Path | None) -> None:
     if not os.access(path.parent, os.W_OK):
         raise ValueError(f"cannot write {path}: the folder {path.parent} is not writable")
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
-        raise ValueError(f"cannot write {path}: it is not a regular file")
+        raise ValueError(f"cannot write {path}: it is not a regular file; choose another name")
 
 
 def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]) -> None:

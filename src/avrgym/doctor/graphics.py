@@ -75,7 +75,7 @@ def draw_ball() -> str:
         renderer.update_scene(data)
         red, green, _ = renderer.render()[HEIGHT_PX // 2, WIDTH_PX // 2]
         if red <= green:
-            raise RuntimeError("a red ball was drawn, but the picture does not show it")
+            raise RuntimeError("the picture does not show the red ball; update the graphics driver")
         return GL.glGetString(GL.GL_RENDERER).decode()
 
 

@@ -108,7 +108,7 @@ def read_header(path: str | os.PathLike[str]) -> Header:
         except (OSError, RecordingError):
             raise
         except Exception as error:  # the MCAP reader raises any exception on damaged bytes
-            raise RecordingError(f"{path}: damaged: {error}") from error
+            raise RecordingError(f"{path} is damaged: {error}; restore a backup") from error
 
 
 def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRecord]) -> Header:

@@ -63,7 +63,7 @@ class ExportedAttempt:
         except (OSError, RecordingError) as error:
             raise StudyError(f"{name} does not load: {error}") from error
         if not recording.complete:
-            raise StudyError(f"{name} is not complete")
+            raise StudyError(f"{name} is incomplete; allowed: complete recordings")
         return recording
 
     def is_changed(self) -> bool:

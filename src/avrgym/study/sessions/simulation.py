@@ -170,7 +170,7 @@ def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
         while has_remaining(store, pseudonym) and not visit.headset_time.is_over:
             _run_trial(visit, dry_run)
             if visit.ended_elsewhere:
-                raise StudyError(f"{visit.stored} was ended by another process")
+                raise StudyError(f"another process ended {visit.stored}; run the command again")
         _answer(visit, "after_session", rng)
 
 

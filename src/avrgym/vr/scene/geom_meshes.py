@@ -58,7 +58,7 @@ def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
         return ball.apply_scale(size[0])
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
         return ball.apply_scale(size)
-    raise ValueError(f"cannot draw a geom of type {kind.name}")
+    raise ValueError(f"geom type {kind.name}; allowed: box, cylinder, capsule, sphere, ellipsoid, mesh")
 
 
 def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
