@@ -76,6 +76,6 @@ def test_looking_must_last() -> None:
     looks = []
     for step in range(12):
         timer.update(np.radians([5.0, 5.0 if step % 6 else 40.0]), 0.1)
-        looks.append(timer.looks())
+        looks.append(timer.completed_looks())
     assert np.sum(looks, axis=0).tolist() == [1, 0]
     assert timer.away_s.tolist() == [0.0, 0.0]

@@ -207,7 +207,7 @@ SKIPPED_PLUGINS = {
     "fingers of its grips: its model has no 'thumb'": replace(
         FETCH, grips={"spoon": replace(FETCH.grips["spoon"], fingers={"thumb": 0.0})}
     ),
-    "outside the range of elbow_flex_joint": replace(
+    "outside the range of joint .elbow_flex_joint.": replace(
         FETCH, arms={"right": replace(ARM, seed_pose=np.array([0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
     ),
 }

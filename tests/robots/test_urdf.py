@@ -118,7 +118,7 @@ def test_a_moving_link_without_mass_is_named() -> None:
     text = description()
     for name in ("link_6", "thumb", "finger", "tip"):
         text = text.replace(link(name), link(name, ""))
-    message = "the link 'link_6' moves but has no mass; allowed: an <inertial>"
+    message = "link 'link_6' moves but has no mass; add an <inertial>"
     with pytest.raises(ValueError, match=message):
         arm_of(text)
     with pytest.raises(ValueError, match=message):
@@ -142,9 +142,9 @@ def test_a_joint_of_an_arm_may_be_prismatic() -> None:
         ("<mujoco/>", "the root element of the URDF is <mujoco>; allowed: <robot>"),
         (
             description(third="floating"),
-            "the joint 'joint_3' is floating; allowed: revolute, continuous, prismatic",
+            "joint 'joint_3' has the type 'floating'; allowed: revolute, continuous, prismatic",
         ),
-        (description(third="planar"), "the joint 'joint_3' is planar; allowed: revolute"),
+        (description(third="planar"), "joint 'joint_3' has the type 'planar'; allowed: revolute"),
     ],
     ids=["xacro", "find", "path", "mjcf", "floating", "planar"],
 )

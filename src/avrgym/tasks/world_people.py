@@ -217,7 +217,10 @@ class WorldPeople:
         distribution, heights_m = population.distribution, self._settings.torso_height_m
         if heights_m is not None:
             distribution = replace(
-                distribution, torso_height_man_m=heights_m, torso_height_woman_m=heights_m, measured=False
+                distribution,
+                torso_height_man_m=heights_m,
+                torso_height_woman_m=heights_m,
+                measured_bodies=False,
             )
         if self.person is not None:
             people = distributions.repeat_person(self.person, len(for_bodies))

@@ -98,7 +98,7 @@ class MemoryExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         planner, state = self._planner, self._episodes.state()
-        planner.relax()
+        planner.reset_posture()
         rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * self._planner.scene.control_step_s
         self._mouth_w = state.mouth_pos_w
         turn_rad = _turn_rad(state)

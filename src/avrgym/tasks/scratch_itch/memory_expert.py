@@ -56,7 +56,7 @@ class SwingToFront:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
-        planner.relax()
+        planner.reset_posture()
         self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
         in_front = front_share(out_w, self._swing.inwards, self._swing.not_down)
