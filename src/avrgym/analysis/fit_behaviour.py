@@ -176,9 +176,8 @@ class _Fit:
             curvature = normal + precision
             scale = np.einsum("nii->ni", curvature)[:, :, None] * np.eye(len(_NAMES))
             damped = curvature + (factors[:, None] * damping)[..., None, None] * scale
-            steps = np.linalg.solve(damped, np.broadcast_to(slope[..., None], (*damped.shape[:-1], 1)))[
-                ..., 0
-            ]
+            slopes = np.broadcast_to(slope[..., None], (*damped.shape[:-1], 1))
+            steps = np.asarray(np.linalg.solve(damped, slopes), float)[..., 0]
             points = np.clip(self.values + np.concatenate([0.0 * steps[:1], steps]), _LOW, _HIGH)
             costs = self._costs(self._residuals(points), points)
             choice = costs.argmin(axis=0)

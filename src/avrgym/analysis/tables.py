@@ -24,7 +24,7 @@ class Table:
     rows: Iterable[Mapping[str, Any]]
 
     @classmethod
-    def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
+    def of(cls, name: str, kind: type, rows: Iterable[object]) -> "Table":
         """Returns a table from ``rows``, which are instances of the dataclass ``kind``."""
         return cls(name, columns_of(kind), [vars(row) for row in rows])
 

@@ -151,4 +151,4 @@ def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
             yield f"joint {joint!r} has no range; allowed: two finite limits in metres"
     outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
     for joint in np.array(arm.joints)[outside]:
-        yield f"the seed pose of its {side} arm is outside the range of joint {str(joint)!r}; allowed: within all ranges"
+        yield f"the seed pose of its {side} arm is outside the range of joint {str(joint)!r}; allowed: in all ranges"

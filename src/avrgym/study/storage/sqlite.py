@@ -28,10 +28,11 @@ def make_engine(path: Path) -> sa.Engine:
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
     template = _template()
-    pool = sa.QueuePool(
-        lambda: sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, check_same_thread=False),
-        dialect=template.dialect,
-    )
+
+    def connect() -> Any:
+        return sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, check_same_thread=False)
+
+    pool = sa.QueuePool(connect, dialect=template.dialect)
     engine = sa.Engine(pool, template.dialect, sa.URL.create("sqlite", database=str(path)))
     engine.update_execution_options(compiled_cache=_COMPILED)
 
