@@ -67,7 +67,7 @@ def _answers(design: Design, studies: SimulatedStudies, answers: Answers) -> Ite
                 questionnaire=studies.questionnaire.name, position=1, task=design.tasks[task],
                 robot=design.robots[robot], policy=design.policies[policy], attempt=1, item=item.id,
                 value=int(answers[person, task, robot, policy, place]), minimum=1, maximum=item.points,
-                points=item.points, response_time_s=1.0,
+                points=item.points, response_time_s=1.0, respondent="participant",
             )  # fmt: skip
 
 

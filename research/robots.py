@@ -54,7 +54,7 @@ def reach(environment: str) -> dict[str, float]:
     recorder, worlds = PoseRecorder(), np.arange(STARTS)
     placement.find_start, original = recorder, placement.find_start
     try:
-        episodes._draw(worlds, [random_streams.episode(world) for world in worlds.tolist()])
+        episodes._draw(worlds, [random_streams.episode_generator(world) for world in worlds.tolist()])
     finally:
         placement.find_start = original
     _, _, _, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, _ = recorder.arguments

@@ -168,7 +168,7 @@ ANATOMY: dict[str, dict[str, object]] = {
     "ARM": {
         "lower_rad": arm.LOWER,
         "upper_rad": arm.UPPER,
-        "most_turn_rad": arm.MAX_TURN_RAD,
+        "most_turn_rad": arm.MAX_ROTATION_RAD,
         "detour_rad": arm.DETOUR_RAD,
         "reached": arm.MAX_REACH_FRACTION,
         "pole_rad": arm.POLE_RAD,
@@ -176,7 +176,7 @@ ANATOMY: dict[str, dict[str, object]] = {
         "outside": arm.OUT_OF_RANGE_COST,
         "stay": arm.MOTION_COST,
         "ease": arm.COMFORT_COSTS,
-        "at_ease_rad": arm.COMFORTABLE_RAD,
+        "at_ease_rad": arm.COMFORTABLE_ANGLES_RAD,
         "lift": arm.RAISED_ELBOW_COST,
         "elbow_rests": arm.ELBOW_REST_DIRECTION,
         "least_squares_steps": arm.LEAST_SQUARES_STEPS,
@@ -205,7 +205,7 @@ ANATOMY: dict[str, dict[str, object]] = {
     },
     "PERSON": {
         "prefix": human.PREFIX,
-        "joints": {"waist": body.WAIST, "head": body.HEAD, **body.ARMS},
+        "joints": {"waist": body.WAIST, "head": body.HEAD_JOINTS, **body.ARM_JOINTS_BY_SIDE},
     },
 }
 """What the client solves the participant's own body with, as the server does; quaternions are w, x, y, z."""

@@ -19,7 +19,7 @@ from avrgym.cli.main import app
 from avrgym.recording.configuration import Versions
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.attempts import sha256_of
+from avrgym.study.storage.attempts import recording_sha256
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -78,7 +78,7 @@ def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
     """Let the study know a recording as it is now."""
     found = attempt(store, pseudonym, position)
     with store.database.write() as connection:
-        checksum = sha256_of(store, found.recording)
+        checksum = recording_sha256(store, found.recording)
         hash_chain.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
 
 

@@ -15,7 +15,7 @@ from avrgym.analysis.answers.session_answers import (
 )
 from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS
 from avrgym.analysis.statistics.tests import (
-    EXACT_SIGNED_RANK,
+    MAX_EXACT_SIGNED_RANK,
     clustered_wilson_interval,
     energy_test,
     holm_correction,
@@ -138,7 +138,7 @@ def test_exact_signed_ranks_with_ties_and_zeros_equal_scipy(n: int, rng: np.rand
 
 
 def test_signed_ranks_equal_scipy_without_ties_and_in_large_samples(rng: np.random.Generator) -> None:
-    for n in (8, 30, EXACT_SIGNED_RANK):
+    for n in (8, 30, MAX_EXACT_SIGNED_RANK):
         values = rng.normal(0.2, 1.0, n)
         found, expected = signed_rank(values), scipy_stats.wilcoxon(values, method="exact")
         assert (found.statistic, found.p) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-12)

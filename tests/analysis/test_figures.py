@@ -115,6 +115,7 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
                     maximum=scale.highest,
                     points=scale.points,
                     response_time_s=1.0,
+                    respondent="participant",
                 )
 
 

@@ -142,7 +142,7 @@ def _row(participant: str, task: str, robot: str, policy: str, item: str, value:
     return AnswerRow(
         participant=participant, simulated=True, counted=True, session=1, moment="after_trial", questionnaire="likert",
         position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, minimum=1, maximum=7,
-        points=7, response_time_s=1.0,
+        points=7, response_time_s=1.0, respondent="participant",
     )  # fmt: skip
 
 

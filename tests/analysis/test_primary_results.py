@@ -9,7 +9,7 @@ import pytest
 
 from avrgym.analysis.models.effects import TrialValue, effects
 from avrgym.analysis.models.estimate import Estimate
-from avrgym.analysis.models.fitting import MIXED, UNRELIABLE, estimate_effects
+from avrgym.analysis.models.fitting import MIXED, UNRELIABLE_NOTE, estimate_effects
 from avrgym.analysis.outcomes.outcomes import OBJECTIVE, mean_with_interval
 from avrgym.analysis.page.comparisons import table_of_tests
 from avrgym.analysis.page.elements import p_text
@@ -272,7 +272,7 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
     notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, Estimate)}
     assert notes["policies"].startswith("singular: random effect at zero: ")
     assert "participant by policy" in notes["policies"]
-    assert notes["policies"].endswith(UNRELIABLE)
+    assert notes["policies"].endswith(UNRELIABLE_NOTE)
     differing = [
         replace(
             each,
@@ -283,4 +283,4 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
     found = estimate_effects(DESIGN, MIXED, differing, effects(DESIGN))
     (policies,) = (each for effect, each in found.items() if effect.kind == "policies")
     assert isinstance(policies, Estimate)
-    assert UNRELIABLE not in policies.note
+    assert UNRELIABLE_NOTE not in policies.note

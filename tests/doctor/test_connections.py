@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.doctor import connections
 from avrgym.doctor.finding import Finding
-from avrgym.vr.server.certificate import certificate_for, certificate_in
+from avrgym.vr.server.certificate import certificate_in, load_or_create_certificate
 
 NAMES = ("192.0.2.7", "lab", "lab.local")
 
@@ -94,7 +94,7 @@ def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     wanted = certificate_in(folder, NAMES)
     assert connections.check_certificate(wanted).message.startswith("none yet")
     assert not folder.exists()
-    certificate_for(NAMES, folder)
+    load_or_create_certificate(NAMES, folder)
     assert connections.check_certificate(wanted) == Finding("ok", str(wanted.certificate_file))
     other = connections.check_certificate(certificate_in(folder, ("192.0.2.8",)))
     assert (other.state, "lacks a current name" in other.message) == ("warning", True)

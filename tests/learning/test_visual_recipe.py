@@ -42,7 +42,7 @@ def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path)
     assert resumed.metadata.measured["episodes"] == 1
     saved = load_policy(tmp_path / "whole" / training.POLICY_FILE, FEEDING, 25, 7)
     assert saved.vision is not None
-    assert len(saved.vision.estimated) == 11
+    assert len(saved.vision.estimated_indices) == 11
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path)
     [
         ({"teacher": "oracle"}, "'oracle' cannot be a teacher of vision; allowed: a feed-forward policy"),
         ({"teacher": "adaptive"}, "'adaptive' cannot be a teacher of vision"),
-        ({"camera": "head"}, "unknown camera 'head'; Jaco has wrist, scene"),
+        ({"camera": "head"}, "unknown camera 'head' of robot Jaco; allowed: wrist, scene"),
         ({"camera": "wrist:64x64:segmentation"}, "allowed kinds of images: rgb, depth"),
     ],
 )

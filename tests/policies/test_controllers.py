@@ -246,7 +246,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
         (":Steady", "cannot be imported (ValueError: Empty module name)"),
         (
             "helpers.learning.failing_controllers:WithoutReset",
-            "a WithoutReset without reset; a controller needs the methods reset(seed, environment)",
+            "WithoutReset has no method reset; a controller needs the methods reset(seed, environment)",
         ),
         ("helpers.learning.failing_controllers:unmakeable", "cannot be created (FileNotFoundError: weights.bin)"),
         ("helpers.learning.failing_controllers:READY.rng.x", "has no attribute 'rng'"),

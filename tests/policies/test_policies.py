@@ -133,7 +133,7 @@ def test_actions_are_float32_in_bounds_and_observations_unchanged():
 
 @pytest.mark.parametrize("shape", [(25,), (1, 24), (1, 1, 25)])
 def test_observations_of_another_shape_are_refused(shape):
-    with pytest.raises(PolicyError, match=r"takes \(N, 25\)"):
+    with pytest.raises(PolicyError, match=r"allowed: \(N, 25\)"):
         make_policy().act(np.zeros(shape), generators(shape[0]))
 
 
@@ -208,7 +208,7 @@ WRONG_TENSORS = {
         {"actor.2.bias": np.full(7, np.nan)},
         "actor.2.bias contains NaN or infinity",
     ),
-    "infinity": ({"observation.epsilon": np.array([np.inf])}, "not finite"),
+    "infinity": ({"observation.epsilon": np.array([np.inf])}, "contains NaN or infinity"),
     "a negative variance": ({"observation.variance": np.full(25, -1.0)}, "0 and above"),
     "a negative deviation": ({"action.deviation": np.array([-0.1])}, "0 and above"),
     "two deviations": ({"action.deviation": np.zeros(2)}, "action.deviation has the shape"),
@@ -233,7 +233,7 @@ def test_wrong_tensors_are_refused(tmp_path, tensors, message):
 WRONG_HEADERS = {
     "none": ({}, "not a policy of AVR Gym"),
     "foreign": ({"format": "pt"}, r"not a policy of AVR Gym.*\['format'\]"),
-    "not JSON": ({"avrgym_policy": "{"}, "is wrong"),
+    "not JSON": ({"avrgym_policy": "{"}, "in the header is invalid"),
     "no version": ({"avrgym_policy": "{}"}, "format_version"),
     "another version": ({"avrgym_policy": '{"format_version": 1}'}, "format version 1; allowed: 2"),
     "fields missing": ({"avrgym_policy": '{"format_version": 2}'}, "missing required field"),
@@ -283,7 +283,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 
 @pytest.fixture
 def packaged(tmp_path, monkeypatch):
-    monkeypatch.setattr(trained, "PACKAGED", tmp_path)
+    monkeypatch.setattr(trained, "PACKAGED_FOLDER", tmp_path)
     for name in ("FeedingJaco-original", "FeedingJaco-revised", "FeedingPR2-original"):
         make_policy().save(tmp_path / f"{name}.safetensors")
     return tmp_path

@@ -9,8 +9,8 @@ import pytest
 from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
 from avrgym.recording.input_profile import (
     ARMS,
+    DURATION_RANGES_S,
     POSSIBLE_STOPS,
-    RANGES,
     USED_ARMS,
     InputProfile,
     InputProfileError,
@@ -49,9 +49,9 @@ def test_a_method_needs_one_of_its_arms() -> None:
     assert [part for part in ("head", "left", "right") if one.needs(part)] == ["head", "right"]
 
 
-@pytest.mark.parametrize("name", RANGES)
+@pytest.mark.parametrize("name", DURATION_RANGES_S)
 def test_durations_are_within_their_ranges(name: str) -> None:
-    low, high = RANGES[name]
+    low, high = DURATION_RANGES_S[name]
     for value in (low, high):
         assert getattr(read_profile({name: value}), name) == value
     for value in (0.99 * low, 1.01 * high, float("nan")):

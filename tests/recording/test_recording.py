@@ -387,7 +387,7 @@ def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_
 
 
 def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled_disk, monkeypatch):
-    monkeypatch.setattr(writing, "CAPACITY_MESSAGES", 50)
+    monkeypatch.setattr(writing, "MAX_QUEUED_MESSAGES", 50)
     monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", 0)
     writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     for step in range(500):

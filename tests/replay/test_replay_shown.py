@@ -12,18 +12,18 @@ from playwright.sync_api import expect, sync_playwright
 
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.pictures import (
-    CAPTION_PX,
+    CAPTION_HEIGHT_PX,
     FRAMES_PER_S,
     FRAMES_PX,
     GIF_FRAMES_PER_S,
     VIDEO_PX,
-    draw_strip,
     write_gif,
+    write_strip,
     write_video,
 )
 from avrgym.replay.playback import ComparedState, Playback
 from avrgym.replay.server import ReplayServer
-from avrgym.replay.timeline import FRAME_EVERY_STATES, timeline_of
+from avrgym.replay.timeline import STATES_PER_FRAME, timeline_of
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses
 from helpers.vr.visit import Visit, plan
@@ -67,7 +67,7 @@ def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording
         (again.time_s, poses(playback.episodes))
         for again in playback.run()
         if isinstance(again, ComparedState)
-    ][::FRAME_EVERY_STATES]
+    ][::STATES_PER_FRAME]
     assert timeline.frames_s == [time_s for time_s, _ in shown]
     assert frames == b"".join(frame for _, frame in shown)
     things = len(timeline.scene.bodies) + timeline.scene.marks
@@ -187,10 +187,10 @@ def test_a_strip_shows_the_trial_from_its_beginning_to_its_end(
     recording: Recording, tmp_path: Path, first_person: bool
 ) -> None:
     out = tmp_path / "strip.png"
-    times_s = draw_strip(recording, 2, out, first_person=first_person, progress=nothing)
+    times_s = write_strip(recording, 2, out, first_person=first_person, progress=nothing)
     assert times_s == pytest.approx([0.0, 0.1 * STEPS], abs=0.02)
     with Image.open(out) as strip:
-        assert strip.size == (2 * FRAMES_PX[0], FRAMES_PX[1] + 2 * CAPTION_PX)
+        assert strip.size == (2 * FRAMES_PX[0], FRAMES_PX[1] + 2 * CAPTION_HEIGHT_PX)
         pixels = np.asarray(strip)
-    middle = pixels[CAPTION_PX:-CAPTION_PX]
+    middle = pixels[CAPTION_HEIGHT_PX:-CAPTION_HEIGHT_PX]
     assert middle[:, : FRAMES_PX[0]].std() > 5

@@ -112,7 +112,7 @@ def test_it_retracts_along_the_path_of_the_arm(pushed):
             way = guarded.joint_positions[:tick, world]
             off = np.abs(way - guarded.joint_positions[tick, world]).max(axis=-1).min()
             assert off < 5 * WAYPOINT_RAD
-        assert (np.abs(guarded.executed_action[ticks, world]) <= 1.0).all()
+        assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
 
 
 def test_an_arm_without_a_path_stands_still():

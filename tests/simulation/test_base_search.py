@@ -96,7 +96,7 @@ def tip_in_world(base: BasePoses, joint_positions: np.ndarray) -> tuple[np.ndarr
 
 
 def test_the_arm_starts_where_it_should(problem):
-    choice = problem.search()
+    choice = problem.search_base_pose()
     assert choice.reached.all()
     pos_w, q_w = tip_in_world(choice.base, choice.joint_positions)
     assert np.linalg.norm(pos_w - problem.start_pos_w, axis=-1).max() < kinematics.ACCURACY_M
@@ -106,7 +106,7 @@ def test_the_arm_starts_where_it_should(problem):
 
 
 def test_the_chosen_base_is_one_of_the_candidates(problem):
-    choice = problem.search()
+    choice = problem.search_base_pose()
     worlds = np.arange(WORLDS)
     assert_array_equal(choice.base.pos_w, problem.candidates.pos_w[worlds, choice.index])
     assert_array_equal(choice.base.yaw_rad, problem.candidates.yaw_rad[worlds, choice.index])
@@ -146,7 +146,7 @@ def plain_score(problem: Problem, world: int, candidate: int, from_rad: np.ndarr
 def test_no_candidate_is_better_than_the_chosen_one(rng):
     """Scored again one by one, in full precision and up to the goals; the search stops up to 2 cm before them."""
     problem = Problem(rng, count=2, candidates=20)
-    choice = problem.search()
+    choice = problem.search_base_pose()
     for world, index in enumerate(choice.index):
         goals, isotropy = plain_score(problem, world, index, choice.joint_positions[world])
         scores = [plain_score(problem, world, candidate, SEED_POSE_RAD) for candidate in range(20)]
@@ -157,7 +157,7 @@ def test_no_candidate_is_better_than_the_chosen_one(rng):
 
 
 def test_goals_come_first_and_isotropy_second(problem):
-    choice = problem.search()
+    choice = problem.search_base_pose()
     for scores, index in zip(zip(*vars(choice.scores).values(), strict=True), choice.index, strict=True):
         start_reached, _, goals, isotropy = scores
         assert start_reached[index]
@@ -166,13 +166,13 @@ def test_goals_come_first_and_isotropy_second(problem):
 
 
 def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
-    plain, seen = problem.search(), {}
+    plain, seen = problem.search_base_pose(), {}
 
     def cost(pos_w, yaw_rad, joint_positions):
         seen["yaw"] = yaw_rad
         return np.abs(yaw_rad)
 
-    chosen = problem.search(path_cost=cost)
+    chosen = problem.search_base_pose(path_cost=cost)
     assert seen["yaw"].shape == (WORLDS, base_search.NUM_REHEARSALS)
     assert_array_equal(seen["yaw"][:, 0], plain.base.yaw_rad)
     assert_array_equal(np.abs(chosen.base.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
@@ -180,7 +180,7 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
 
 
 def test_candidates_that_miss_the_start_count_for_nothing(problem):
-    scores = problem.search().scores
+    scores = problem.search_base_pose().scores
     assert not scores.start_reached.all()
     assert_array_equal(scores.goals_reached[~scores.start_reached], 0)
     assert_array_equal(scores.isotropy[~scores.start_reached], 0.0)
@@ -189,28 +189,28 @@ def test_candidates_that_miss_the_start_count_for_nothing(problem):
 
 def test_goals_beyond_reach_are_not_reached(problem):
     problem.goal_pos_w[:, 1] += [0.0, 0.0, 5.0]
-    scores = problem.search().scores
+    scores = problem.search_base_pose().scores
     assert scores.goals_reached.max() == 2
 
 
 def test_goals_of_any_rotation_are_reached_by_more(problem):
-    with_rotation = problem.search().scores.goals_reached.mean()
+    with_rotation = problem.search_base_pose().scores.goals_reached.mean()
     problem.goal_q_w = None
-    assert problem.search().scores.goals_reached.mean() > with_rotation
+    assert problem.search_base_pose().scores.goals_reached.mean() > with_rotation
 
 
 def test_without_goals_the_freest_start_is_chosen(problem):
     problem.goal_pos_w = problem.goal_pos_w[:, :0]
     problem.goal_q_w = None
-    choice = problem.search()
+    choice = problem.search_base_pose()
     assert_array_equal(choice.index, choice.scores.isotropy.argmax(axis=-1))
 
 
 def test_worlds_without_any_base_say_so(problem):
     """They get the candidate that comes closest; others do not suffer."""
-    alone = problem.search()
+    alone = problem.search_base_pose()
     problem.start_pos_w[3] += [6.0, 0.0, 0.0]
-    choice = problem.search()
+    choice = problem.search_base_pose()
     assert_array_equal(np.nonzero(~choice.reached)[0], [3])
     assert choice.index[3] == choice.scores.start_error_m[3].argmin()
     assert np.isfinite(choice.joint_positions).all()
@@ -221,7 +221,7 @@ def test_worlds_without_any_base_say_so(problem):
 
 def test_a_bad_seed_pose_is_made_up_for(rng):
     """Every world finds its base, and most a choice of at least ten."""
-    choice = Problem(rng, count=64).search(seed_pose=BAD_SEED_RAD)
+    choice = Problem(rng, count=64).search_base_pose(seed_pose=BAD_SEED_RAD)
     assert choice.reached.all()
     assert np.mean(choice.scores.start_reached.sum(axis=-1) >= 10) > 0.8
 
@@ -243,6 +243,6 @@ def assert_same(some: BaseChoice, among: BaseChoice, worlds: slice) -> None:
 def test_a_world_has_the_same_bits_alone_and_among_64(rng, seed_pose):
     """Whether the seed pose leads there or restarts have to."""
     problem = Problem(rng, count=64)
-    together = problem.search(seed_pose=seed_pose)
+    together = problem.search_base_pose(seed_pose=seed_pose)
     for worlds in (slice(0, 1), slice(17, 18), slice(41, 44), slice(63, 64)):
-        assert_same(problem.search(worlds, seed_pose), together, worlds)
+        assert_same(problem.search_base_pose(worlds, seed_pose), together, worlds)

@@ -39,7 +39,7 @@ from avrgym.vr.protocol.messages import (
     Welcome,
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder
-from avrgym.vr.server.certificate import certificate_for
+from avrgym.vr.server.certificate import load_or_create_certificate
 from avrgym.vr.server.connection import MESSAGES_PER_S
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
@@ -181,9 +181,9 @@ class Watcher:
 
 
 def wait_until(condition: Callable[[], bool], timeout_s: float = 180.0) -> None:
-    give_up = time.monotonic() + timeout_s
+    discard_attempt = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
         time.sleep(0.02)
 
 
@@ -258,7 +258,7 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
 
 
 def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> None:
-    certificate = certificate_for(("lab",), tmp_path / "certificate")
+    certificate = load_or_create_certificate(("lab",), tmp_path / "certificate")
     trusted = ssl.create_default_context(cafile=str(certificate.certificate_file))
     with make_server(tmp_path, certificate=certificate) as server, ExitStack() as opened:
         began = time.monotonic()

@@ -15,7 +15,7 @@ from avrgym.analysis.study import analyse
 from avrgym.cli import app
 from avrgym.study.export import FORMATS, FORMATS_WITH_RECORDS, export_study
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.records import Extras
+from avrgym.study.export.records import ExportOptions
 from avrgym.study.people.adverse_events import (
     SCALES,
     Report,
@@ -170,7 +170,7 @@ def told(store: Store) -> Store:
 def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data_format: str) -> None:
     folder, suffix = ("", ".csv") if data_format == "csv" else ("sourcedata", ".tsv")
     export_study(told, data_format, tmp_path / "without")
-    export_study(told, data_format, tmp_path / "with", extras=Extras(free_text=True))
+    export_study(told, data_format, tmp_path / "with", extras=ExportOptions(free_text=True))
     files = [path.read_bytes() for path in (tmp_path / "without").rglob("*") if path.is_file()]
     assert not any(SECRET.encode() in data for data in files)
     without, with_all = tmp_path / "without" / folder, tmp_path / "with" / folder
@@ -190,7 +190,7 @@ def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data
 @pytest.mark.parametrize("data_format", sorted(set(FORMATS) - set(FORMATS_WITH_RECORDS)))
 def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
     with pytest.raises(StudyError, match="cannot contain free text and data on health; allowed: csv, bids"):
-        export_study(store, data_format, tmp_path / "out", extras=Extras(free_text=True))
+        export_study(store, data_format, tmp_path / "out", extras=ExportOptions(free_text=True))
 
 
 # Commands

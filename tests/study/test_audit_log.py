@@ -25,7 +25,7 @@ from avrgym.study.dashboard.request_log import LiveLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.records import Extras
+from avrgym.study.export.records import ExportOptions
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import experimenters
 from avrgym.study.people.deletion import delete_participant
@@ -121,8 +121,8 @@ def told(entries: list[LogEntry]) -> list[tuple[str, str, str, int | None, str]]
 
 def awaited(store: Store, name: str) -> LogEntry:
     """Wait for the entry with this name."""
-    give_up = time.monotonic() + PATIENCE_S
-    while time.monotonic() < give_up:
+    discard_attempt = time.monotonic() + PATIENCE_S
+    while time.monotonic() < discard_attempt:
         for entry in store.log():
             if entry.name == name:
                 return entry
@@ -293,7 +293,7 @@ def test_export_contains_the_log_with_a_codebook(store: Store, tmp_path: Path) -
     add_entry(store, ADA, ADD_EXPERIMENTER, detail="eve")
     export_study(store, "csv", tmp_path / "out")
     named = tmp_path / "named"
-    export_study(store, "csv", named, extras=Extras(free_text=True))
+    export_study(store, "csv", named, extras=ExportOptions(free_text=True))
     assert [(row["person"], row["detail"]) for row in read_csv(named / "log.csv")] == [
         ("ada", ""),
         ("ada", "csv"),

@@ -14,7 +14,7 @@ from playwright.sync_api import expect, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.analysis.study import analyse
-from avrgym.recording.respondents import CAREGIVER
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.people.experimenters import Experimenters

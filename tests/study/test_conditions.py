@@ -179,7 +179,7 @@ def test_trials_of_conditions_with_settings_are_recorded_and_verified(tmp_path: 
     with Store(folder) as store:
         found = analyse(store)
         for row in found.observed.trials:
-            recording = read_recording(store.path(row.recording))
+            recording = read_recording(store.path(str(row.recording)))
             assert recording.configuration.settings == store.design.settings_of(row.policy)
             checked = verify(recording)
             assert (checked.identical_states, checked.identical_steps) == (checked.states, 20)

@@ -15,7 +15,7 @@ from avrgym.policies.trained import packaged_policies
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.design_checks import check_design
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.policy_files import check_policies_used
+from avrgym.study.checking.policy_files import check_used_policies
 from avrgym.study.design.design import Reporting
 from avrgym.study.plan.deviations import frozen_design
 from avrgym.study.plan.frozen_plan import read_frozen_plan
@@ -157,7 +157,7 @@ def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
             if when == "in between":
                 (folder / POLICY).write_bytes(other)
         (folder / POLICY).write_bytes(other if when == "afterwards" else before)
-        found = list(check_policies_used(store))
+        found = list(check_used_policies(store))
         deviating = [each for each in frozen_at_and_deviations(store)[1] if each.where == "policy mine"]
     assert [(each.where, each.is_error) for each in found] == {
         "not at all": [],

@@ -14,7 +14,7 @@ from avrgym.cli.main import app
 from avrgym.recording.reader import Header
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.plan import timestamps
-from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, read_frozen_plan, sha256
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan, sha256
 from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP, verify_time_stamp
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
@@ -60,12 +60,12 @@ def take_all_in(folder: Path) -> None:
 
 def forge(folder: Path) -> None:
     """Forge the frozen plan with a matching checksum, and delete the database."""
-    record = json.loads((folder / FROZEN).read_text())
+    record = json.loads((folder / FROZEN_PLAN_FILE).read_text())
     record["plan"] = record["plan"].replace("higher with revised", "lower with revised")
     record["sha256"]["plan.toml"] = sha256(record["plan"].encode())
     record["frozen_at"] = "2025-01-01T00:00:00.000000+00:00"
     (folder / "plan.toml").write_text(record["plan"])
-    (folder / FROZEN).write_text(json.dumps(record))
+    (folder / FROZEN_PLAN_FILE).write_text(json.dumps(record))
     lose_database(folder)
 
 
@@ -138,7 +138,7 @@ def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_pat
     early, late = (make_study(tmp_path / name, tasks='["Feeding"]', participants="2") for name in ("b", "c"))
     for other in (early, late):
         shutil.copy(folder / "plan.toml", other)
-        shutil.copy(folder / FROZEN, other)
+        shutil.copy(folder / FROZEN_PLAN_FILE, other)
     adopted = study("freeze", early)
     assert adopted.exit_code == 0
     assert "adopted" in adopted.stdout
@@ -160,7 +160,7 @@ def test_freeze_prints_checksum_and_registries(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
     study("freeze", folder)
     shown = study("freeze", folder).stdout
-    assert sha256((folder / FROZEN).read_bytes()) in shown
+    assert sha256((folder / FROZEN_PLAN_FILE).read_bytes()) in shown
     for word in ("osf.io", "aspredicted.org", "openssl ts -query", "--timestamp"):
         assert word in shown
 
@@ -204,7 +204,7 @@ def test_time_stamp_of_a_known_root_is_trusted(authority: Authority, monkeypatch
 
 @needs_openssl
 def test_invalid_time_stamps_are_not_stored(authority: Authority, folder: Path, tmp_path: Path) -> None:
-    record = (folder / FROZEN).read_bytes()
+    record = (folder / FROZEN_PLAN_FILE).read_bytes()
     sound = authority.stamp(record)
     altered = bytearray(sound)
     altered[-10] ^= 1
@@ -225,7 +225,7 @@ def test_trusted_early_time_stamp_proves_a_plan(
 ) -> None:
     """It proves the plan also after loss of the database; late or untrusted time stamps do not."""
     file = tmp_path / "early.tsr"
-    file.write_bytes(authority.stamp((folder / FROZEN).read_bytes()))
+    file.write_bytes(authority.stamp((folder / FROZEN_PLAN_FILE).read_bytes()))
     stored = study("freeze", folder, "--timestamp", file)
     assert stored.exit_code == 0, stored.output
     with Store(folder) as store:
@@ -242,8 +242,8 @@ def test_trusted_early_time_stamp_proves_a_plan(
     assert frozen.faults == ()
     assert "existed at" in frozen.origin_text
     assert "unknown date" not in study("check", folder).stdout
-    forged = (folder / FROZEN).read_bytes().replace(b"higher", b"lower")
-    (folder / FROZEN).write_bytes(forged)
+    forged = (folder / FROZEN_PLAN_FILE).read_bytes().replace(b"higher", b"lower")
+    (folder / FROZEN_PLAN_FILE).write_bytes(forged)
     assert "invalid time stamp" in " ".join(frozen_plan(folder).faults)
     (folder / TIME_STAMP).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(

@@ -13,7 +13,7 @@ from avrgym.cli import app
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS, sentences
 from avrgym.study.export import export_study
 from avrgym.study.export.functioning import MIN_GROUP_SIZE, functioning_counts, suppress
-from avrgym.study.export.records import Extras
+from avrgym.study.export.records import ExportOptions
 from avrgym.study.people.functioning import Functioning, record_functioning
 from avrgym.study.people.participants import enrol
 from avrgym.study.storage.states import StudyError
@@ -134,12 +134,12 @@ def test_export_contains_individual_answers_only_on_request(store: Store, tmp_pa
     assert not any(b"Unverwechselbar" in data for data in files)
     assert not (tmp_path / "public" / "functioning_by_person.csv").exists()
     assert len(read(tmp_path / "public" / "functioning.csv")) == 6 * (len(LEVELS) + 1) + len(DEVICES)
-    export_study(store, "csv", tmp_path / "health", extras=Extras(health=True))
+    export_study(store, "csv", tmp_path / "health", extras=ExportOptions(health=True))
     *_, last = read(tmp_path / "health" / "functioning_by_person.csv")
     assert (last["walking"], last["devices"], last["diagnosis"]) == ("some", "12, 24", "")
-    export_study(store, "csv", tmp_path / "all", extras=Extras(free_text=True, health=True))
+    export_study(store, "csv", tmp_path / "all", extras=ExportOptions(free_text=True, health=True))
     assert read(tmp_path / "all" / "functioning_by_person.csv")[0]["diagnosis"] == ANSWERS.diagnosis
-    assert {each.name for each in fields(Extras)} == {"free_text", "health"}
+    assert {each.name for each in fields(ExportOptions)} == {"free_text", "health"}
 
 
 def test_command_uses_the_language_of_the_participant(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_new_study_uses_a_key_file_outside_the_study(folder: Path) -> None:
     said = avrgym("enrol", folder, "--body", "woman", "--name", NAME, "--contact", CONTACT)
     lock = identity_file.key_source(folder)
     assert lock is not None
-    key = identity_keys.key_path(lock)
+    key = identity_keys.key_file_path(lock)
     assert str(key) in said.stdout
     assert "without it the names are lost, but no other data" in said.stdout
     assert key.is_relative_to(user_data_folder())
@@ -99,7 +99,7 @@ def test_study_works_without_the_key_file(folder: Path) -> None:
         enrol(store, "woman", name=NAME)
         lock = identity_file.key_source(folder)
         assert lock is not None
-        key = identity_keys.key_path(lock)
+        key = identity_keys.key_file_path(lock)
         lost = key.rename(key.with_suffix(".elsewhere"))
         before = contents(folder)
         for act in (
@@ -333,4 +333,4 @@ def test_key_file_is_written_before_names(folder: Path, monkeypatch: pytest.Monk
     lock = identity_file.key_source(folder)
     assert lock is not None
     names = [each for each in synced if each.endswith(".key") or "identities" in each]
-    assert names[0] == identity_keys.key_path(lock).name
+    assert names[0] == identity_keys.key_file_path(lock).name

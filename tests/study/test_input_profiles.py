@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.presentation import Presentation
-from avrgym.study.people.input_profiles import checked_profile, set_input_profile
+from avrgym.study.people.input_profiles import parse_profile, set_input_profile
 from avrgym.study.people.participants import enrol
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
@@ -48,7 +48,7 @@ def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> N
 )
 def test_impossible_profiles_are_refused(values: dict, words: str) -> None:
     with pytest.raises(StudyError, match=words):
-        checked_profile(values)
+        parse_profile(values)
 
 
 @pytest.mark.slow

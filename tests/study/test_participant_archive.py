@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.recording.schema import Answer
 from avrgym.study.export.participant_archive import FILE_CONTENTS, write_participant_data
-from avrgym.study.export.records import NO_EXTRAS, event_rows
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, event_rows
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event
 from avrgym.study.people.deletion import delete_participant
@@ -142,10 +142,14 @@ def test_command_reports_whether_the_name_is_included(store: Store, tmp_path: Pa
 
 def test_deletion_after_a_changed_answer(store: Store) -> None:
     changed = [
-        row for row in event_rows(store, store.participants(), NO_EXTRAS) if row.name == "answer changed"
+        row
+        for row in event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
+        if row.name == "answer changed"
     ]
     assert [row.participant for row in changed] == ["sub-001", "sub-002"]
     delete_participant(store, "sub-001")
     assert [each.pseudonym for each in store.participants()] == ["sub-002"]
-    names = [(row.participant, row.name) for row in event_rows(store, store.participants(), NO_EXTRAS)]
+    names = [
+        (row.participant, row.name) for row in event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
+    ]
     assert [pseudonym for pseudonym, name in names if name == "answer changed"] == ["sub-002"]

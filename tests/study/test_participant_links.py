@@ -34,7 +34,7 @@ from avrgym.vr.server.session_links import (
     WRONG_CODE_WINDOW_S,
     CodeError,
     SessionLinks,
-    TooManyCodes,
+    TooManyCodesError,
     link_sha256,
     new_link,
 )
@@ -282,7 +282,7 @@ def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(CodeError):
             links.exchange(wrong)
     for guess in (wrong, code):
-        with pytest.raises(TooManyCodes):
+        with pytest.raises(TooManyCodesError):
             links.exchange(guess)
     clock.now_s += WRONG_CODE_WINDOW_S + 1.0
     assert links.exchange(code) == "link"

@@ -14,7 +14,7 @@ from avrgym.study.design.comparison import differences
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import changed, deviations
-from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, read_frozen_plan
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.plan_template import template
 from avrgym.study.storage import database
@@ -105,7 +105,7 @@ def test_invalid_plan_is_not_frozen(tmp_path: Path) -> None:
     (folder / "plan.toml").write_text(TEXT.replace("participants = 8", "participants = 9"))
     shown = study("freeze", folder)
     assert (shown.exit_code, shown.stderr.count("\n")) == (1, 1)
-    assert not (folder / FROZEN).exists()
+    assert not (folder / FROZEN_PLAN_FILE).exists()
 
 
 def test_differences_are_listed_by_value() -> None:
@@ -130,16 +130,16 @@ def test_plan_is_frozen_once(tmp_path: Path) -> None:
     assert "contains no plan.toml" in study("freeze", folder, "--export", "osf").stderr
     assert study("freeze", folder).exit_code == 0
     written = (folder / "plan.toml").read_bytes()
-    assert not (folder / FROZEN).exists()
+    assert not (folder / FROZEN_PLAN_FILE).exists()
     again = study("freeze", folder, "--template")
     assert (again.exit_code, "exists already and was not changed" in again.stderr) == (1, True)
 
     assert study("freeze", folder).exit_code == 0
-    record = (folder / FROZEN).read_bytes()
+    record = (folder / FROZEN_PLAN_FILE).read_bytes()
     assert (folder / "plan.toml").read_bytes() == written
     again = study("freeze", folder)
     assert (again.exit_code, "is frozen already" in again.stderr) == (1, True)
-    assert (folder / FROZEN).read_bytes() == record
+    assert (folder / FROZEN_PLAN_FILE).read_bytes() == record
     status = study("status", folder, "--json", tmp_path / "status.json")
     assert "deviations: 0" in status.stdout
     assert json.loads((tmp_path / "status.json").read_text())["deviations"] == []
@@ -157,7 +157,7 @@ def test_plan_cannot_be_frozen_after_the_first_participant(tmp_path: Path) -> No
         refused = study("freeze", folder, *arguments)
         assert refused.exit_code == 1
         assert "sub-001 has already taken part" in refused.stderr
-    assert not (folder / FROZEN).exists()
+    assert not (folder / FROZEN_PLAN_FILE).exists()
     assert "frozen" not in study("status", folder).stdout
 
 
@@ -166,21 +166,24 @@ def test_plan_cannot_be_frozen_without_its_policies(tmp_path: Path) -> None:
     study("freeze", folder)
     refused = study("freeze", folder)
     assert (refused.exit_code, "policy mine: no policy 'mine'" in refused.stderr) == (1, True)
-    assert not (folder / FROZEN).exists()
+    assert not (folder / FROZEN_PLAN_FILE).exists()
 
 
 def test_database_contains_the_checksum_of_the_record(tmp_path: Path) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
-    record = (folder / FROZEN).read_bytes()
-    (folder / FROZEN).write_bytes(record.replace(b"higher", b"lower"))
+    record = (folder / FROZEN_PLAN_FILE).read_bytes()
+    (folder / FROZEN_PLAN_FILE).write_bytes(record.replace(b"higher", b"lower"))
     shown = study("check", folder)
-    assert (shown.exit_code, f"error  {FROZEN}: deviates from the plan: was modified" in shown.stdout) == (
+    assert (
+        shown.exit_code,
+        f"error  {FROZEN_PLAN_FILE}: deviates from the plan: was modified" in shown.stdout,
+    ) == (
         1,
         True,
     )
-    (folder / FROZEN).unlink()
-    assert f"{FROZEN}: is missing" in study("status", folder).stdout
-    (folder / FROZEN).write_bytes(record)
+    (folder / FROZEN_PLAN_FILE).unlink()
+    assert f"{FROZEN_PLAN_FILE}: is missing" in study("status", folder).stdout
+    (folder / FROZEN_PLAN_FILE).write_bytes(record)
     assert study("check", folder).exit_code == 0
 
 
@@ -193,7 +196,7 @@ def test_record_remains_after_loss_of_the_database(tmp_path: Path) -> None:
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
     shown = study("check", folder)
-    assert (shown.exit_code, f"error  {FROZEN}: deviates" in shown.stdout) == (1, True)
+    assert (shown.exit_code, f"error  {FROZEN_PLAN_FILE}: deviates" in shown.stdout) == (1, True)
     assert "study.toml: was changed" in study("status", folder).stdout
     assert "adopted" in study("freeze", folder).stdout
     assert "is frozen already" in study("freeze", folder).stderr
@@ -256,7 +259,7 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("free_movement_s = 5.0", "free_movement_s = 4.0"))
     plan.write_text(plan.read_text().replace("higher with mine", "lower with mine"))
-    record = (folder / FROZEN).read_text()
+    record = (folder / FROZEN_PLAN_FILE).read_text()
 
     shown = study("status", folder).stdout
     expected = {
@@ -275,7 +278,7 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
     checked = study("check", folder)
     assert checked.stdout.count("deviates from the plan") == len(expected)
     assert "error  study.toml: free_movement_s is 4.0; it was 5.0 for all participants" in checked.stdout
-    assert (checked.exit_code, (folder / FROZEN).read_text()) == (1, record)
+    assert (checked.exit_code, (folder / FROZEN_PLAN_FILE).read_text()) == (1, record)
 
 
 def test_changed_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
-from avrgym.study.checking.preflight import policies_needed, policy_errors
+from avrgym.study.checking.preflight import needed_policies, policy_errors
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
@@ -49,7 +49,7 @@ def check(folder: Path) -> tuple[int, list[str]]:
 @pytest.mark.slow
 def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
-        needed = policies_needed(store)
+        needed = needed_policies(store)
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
         assert list(policy_errors(store)) == []
     code, lines = check(tmp_path / "study")

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.recording.respondents import PROXY
+from avrgym.commands.respondents import PROXY
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.people.consents import missing_role

@@ -17,7 +17,12 @@ from typer.testing import CliRunner
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics
-from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, repeat_findings, selection_p_value
+from avrgym.study.checking.repeat_checks import (
+    REPEATS_LOCATION,
+    check_repeats,
+    repeat_findings,
+    selection_p_value,
+)
 from avrgym.study.checking.repeats import (
     EXPERIMENTER,
     NOT_LOGGED,
@@ -89,7 +94,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def of_repeats(text: str) -> list[str]:
-    return [line for line in text.splitlines() if f" {REPEATS}: " in line]
+    return [line for line in text.splitlines() if f" {REPEATS_LOCATION}: " in line]
 
 
 # The whole study

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.study.checking.checks import check_due, check_study
+from avrgym.study.checking.checks import check_retention_periods, check_study
 from avrgym.study.dashboard.views import overview
 from avrgym.study.design.design import DesignError, parse_design, read_design
 from avrgym.study.design.retention import Retention
 from avrgym.study.people import retention
-from avrgym.study.people.retention import delete_due, due, schedule
+from avrgym.study.people.retention import delete_due_data, due, schedule
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
@@ -86,8 +86,8 @@ def test_design_without_periods_has_nothing_due(folder: Path) -> None:
     assert parse_design((folder / "study.toml").read_text()).retention == Retention()
     with Store(folder) as store:
         assert schedule(store) == []
-        assert list(check_due(store)) == []
-        assert list(delete_due(store, date(9999, 1, 1))) == []
+        assert list(check_retention_periods(store)) == []
+        assert list(delete_due_data(store, date(9999, 1, 1))) == []
 
 
 def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
@@ -103,21 +103,21 @@ def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
 
 def test_due_names_are_deleted(store: Store) -> None:
     before = files(store.folder / "recordings")
-    assert list(delete_due(store, date(2127, 1, 1))) == [("identities", "sub-001")]
+    assert list(delete_due_data(store, date(2127, 1, 1))) == [("identities", "sub-001")]
     assert identity_file.read_identities(store.folder) == {}
     assert files(store.folder / "recordings") == before
     assert [event.name for event in store.events()][-1] == "identity deleted by schedule"
-    assert list(delete_due(store, date(2127, 1, 1))) == []
+    assert list(delete_due_data(store, date(2127, 1, 1))) == []
 
 
 def test_due_recordings_are_deleted(store: Store) -> None:
-    assert len(list(delete_due(store, date(2128, 7, 1)))) == 3
+    assert len(list(delete_due_data(store, date(2128, 7, 1)))) == 3
     assert {path.name for path in (store.folder / "recordings").iterdir()} == {"sub-003"}
     found = [each for each in check_study(store) if each.where.startswith("recordings/")]
     assert len(found) == 4
     assert all("was deleted by schedule" in each.message and not each.is_error for each in found)
     assert len(store.answers("sub-001")) > 0
-    assert list(delete_due(store, date(2128, 7, 1))) == []
+    assert list(delete_due_data(store, date(2128, 7, 1))) == []
 
 
 def test_recording_deleted_by_hand_is_missing(store: Store) -> None:
@@ -127,7 +127,7 @@ def test_recording_deleted_by_hand_is_missing(store: Store) -> None:
 
 
 def test_due_data_of_people_are_deleted(store: Store) -> None:
-    list(delete_due(store, date(2136, 7, 1)))
+    list(delete_due_data(store, date(2136, 7, 1)))
     assert [each.number for each in store.tombstones()] == [1, 2]
     assert [each.pseudonym for each in store.participants()] == ["sub-003"]
 
@@ -135,10 +135,10 @@ def test_due_data_of_people_are_deleted(store: Store) -> None:
 def test_failed_deletion_does_not_stop_others(store: Store) -> None:
     session = open_session(store, "sub-001")
     with pytest.raises(StudyError, match="ses-02 of sub-001 is open"):
-        list(delete_due(store, date(2136, 7, 1)))
+        list(delete_due_data(store, date(2136, 7, 1)))
     assert [each.number for each in store.tombstones()] == [2]
     close_session(store, session.id)
-    list(delete_due(store, date(2136, 7, 1)))
+    list(delete_due_data(store, date(2136, 7, 1)))
     assert [each.number for each in store.tombstones()] == [1, 2]
 
 
@@ -146,7 +146,7 @@ def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
     state(folder, 'ended_on = "2020-01-01"\nidentities_months = 0\nrecordings_years = 0\n')
     before = files(folder)
     with Store(folder) as store, pytest.raises(StudyError, match="nothing was deleted; correct ended_on"):
-        list(delete_due(store, END))
+        list(delete_due_data(store, END))
     assert "correct ended_on" in run("retention", folder, "--delete", code=1)
     assert files(folder) == before
 
@@ -157,7 +157,7 @@ def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.Mon
         monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))
     before = files(store.folder)
     words = "names and contacts of 1 participant were due on 2126-12-30"
-    (finding,) = check_due(store)
+    (finding,) = check_retention_periods(store)
     assert words in finding.message
     assert not finding.is_error
     assert any(words in warning for warning in overview(store, None, store.design.furniture).warnings)
@@ -166,4 +166,4 @@ def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.Mon
     assert identity_file.read_identities(store.folder) != {}
     assert "deleted   names and contacts of sub-001" in run("retention", store.folder, "--delete")
     assert identity_file.read_identities(store.folder) == {}
-    assert list(check_due(store)) == []
+    assert list(check_retention_periods(store)) == []

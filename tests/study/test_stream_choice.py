@@ -6,7 +6,7 @@ import pytest
 
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
-from avrgym.vr.lab_streaming.choice import StreamChoice, stream_choice
+from avrgym.vr.lab_streaming.choice import StreamChoice, parse_stream_options
 from helpers.browser.documentation import DOCS, blocks
 from helpers.studies.small_studies import make_study
 
@@ -46,6 +46,6 @@ def test_error_of_an_invalid_stream_has_its_line(line: str, words: str) -> None:
 
 
 def test_options_select_the_same_streams() -> None:
-    assert stream_choice(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
+    assert parse_stream_options(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
     with pytest.raises(ValueError, match="--receive heart: '' is no query for a stream; allowed: name="):
-        stream_choice(False, ["heart"])
+        parse_stream_options(False, ["heart"])

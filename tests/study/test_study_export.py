@@ -19,7 +19,7 @@ import pytest
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
 from avrgym.study.export.lerobot import statistics
-from avrgym.study.export.table_files import spreadsheet_safe, write_csv
+from avrgym.study.export.table_files import escape_formula, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
@@ -179,7 +179,7 @@ def test_spreadsheets_do_not_run_texts_as_formulas(tmp_path: Path, text: str) ->
     with open(tmp_path / "a.csv", encoding="utf-8-sig", newline="") as file:
         (_, row) = csv.reader(file)
     assert row == ["'" + text, "-1.5", "true", ""]
-    assert spreadsheet_safe("plain - text") == "plain - text"
+    assert escape_formula("plain - text") == "plain - text"
 
 
 # BIDS

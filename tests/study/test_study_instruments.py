@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from avrgym.analysis.study import analyse
-from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
+from avrgym.questionnaires.nasa_tlx import FACTOR_PAIRS, FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.summary import summarise_results
@@ -181,7 +181,7 @@ def take_part_whole(store: Store, number: int) -> None:
     if number == PEOPLE:
         del symptoms["ssq_vertigo"]
     answer(store, session, "after_session", symptoms)
-    answer(store, session, "after_session", {f"tlx_{a}_or_{b}": 1 for a, b in PAIRS})
+    answer(store, session, "after_session", {f"tlx_{a}_or_{b}": 1 for a, b in FACTOR_PAIRS})
     close_session(store, session)
 
 

@@ -293,7 +293,7 @@ def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch
 def test_link_ends_when_another_process_ends_the_session(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(threads, "CHECK_EVERY_S", 0.01)
+    monkeypatch.setattr(threads, "CHECK_INTERVAL_S", 0.01)
     loop.ask(loop.sessions.begin, enrol_with_consent(store))
     withdraw(store, "sub-001", "at another station")
     while loop.sessions.participant is not None:

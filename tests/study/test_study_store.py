@@ -718,9 +718,9 @@ def test_ended_process_is_not_running() -> None:
     with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.read()
-        give_up = time.monotonic() + 60.0
+        discard_attempt = time.monotonic() + 60.0
         while is_running(process.pid):
-            assert time.monotonic() < give_up
+            assert time.monotonic() < discard_attempt
             time.sleep(0.01)
         assert process.returncode is None
     assert not is_running(process.pid)

@@ -129,7 +129,7 @@ def test_missing_policy_prevents_a_session(
     store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pseudonym = enrol_with_consent(store)
-    monkeypatch.setattr("avrgym.policies.trained.PACKAGED", tmp_path)
+    monkeypatch.setattr("avrgym.policies.trained.PACKAGED_FOLDER", tmp_path)
     with pytest.raises(
         PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: oracle, random, zero, "
     ):
@@ -260,7 +260,7 @@ def test_withdrawal_by_another_process_stops_robot_and_recording(store: Store) -
 def test_nothing_is_stored_after_withdrawal_by_another_process(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_EVERY_S", 3600.0)
+    monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_INTERVAL_S", 3600.0)
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)

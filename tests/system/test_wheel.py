@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import pytest
 
 import avrgym
-from avrgym.vr.server.web_server import STATIC
+from avrgym.vr.server.web_server import STATIC_FOLDER
 from helpers.system.paths import ROOT
 
 PACKAGE = Path(avrgym.__file__).parent
@@ -22,7 +22,7 @@ NEEDED = ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE")
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What a clone holds after ``make client``."""
-    assert (STATIC / "index.html").is_file(), "the client must be built"
+    assert (STATIC_FOLDER / "index.html").is_file(), "the client must be built"
     folder = tmp_path_factory.mktemp("source")
     for name in NEEDED:
         shutil.copy(ROOT / name, folder)

@@ -105,7 +105,7 @@ def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
     for _ in range(30):
         step = episodes.step(np.zeros((1, 7)))
     state, before = episodes.state(), start.cloth_pos_w[0, :VERTICES_PER_RING]
-    held = list(GOWN.held)
+    held = list(GOWN.attached_vertices)
     assert_allclose(state.cloth_pos_w[0, held], before[held], atol=0.01)
     assert state.cloth_pos_w[0, :, 2].mean() < start.cloth_pos_w[0, :, 2].mean() - 0.02
     assert edges_m(state).max() < 1.15 * edges_m(start).max()
@@ -142,9 +142,9 @@ def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
         arm_path(state),
         state.cloth_pos_w[:, ring * VERTICES_PER_RING : (ring + 1) * VERTICES_PER_RING],
     )
-    ahead = ((rim.mean(axis=1)[:, None] - path.begin_w) * path.along_w).sum(axis=-1)
+    ahead = ((rim.mean(axis=1)[:, None] - path.start_w) * path.along_w).sum(axis=-1)
     inside = np.clip(ahead, 0.0, path.length_m)
-    foot = path.begin_w + inside[..., None] * path.along_w
+    foot = path.start_w + inside[..., None] * path.along_w
     row, section = np.arange(len(rim)), np.linalg.norm(rim.mean(axis=1)[:, None] - foot, axis=-1).argmin(-1)
     return is_around(rim, foot[row, section], path.along_w[row, section])
 

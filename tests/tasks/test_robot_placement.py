@@ -16,14 +16,19 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.robot import Robot
 from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
-from avrgym.study.checking.preflight import check_starts as check_study_starts
+from avrgym.study.checking.preflight import check_initial_states as check_study_starts
 from avrgym.study.people.participants import enrol
 from avrgym.study.sessions.simulation import find_dry_run, simulate_participant, simulated_participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks import episodes, placement_check, registry, task_check
 from avrgym.tasks.constants import environment_id
-from avrgym.tasks.placement_check import MAX_MEAN_DRAWS, check_starts, draws_by_body, is_collision_free
+from avrgym.tasks.placement_check import (
+    MAX_MEAN_DRAWS,
+    check_starts,
+    draws_by_body,
+    is_collision_free,
+)
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.placements import offset_mount
 from helpers.studies.small_studies import make_study
@@ -69,7 +74,7 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
     drawn = check_starts(environment)
-    print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.most} at most")
+    print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.maximum} at most")
     assert drawn.mean <= 1.25
     assert all(each.maximum == 1 for _, each in draws_by_body(environment))
 

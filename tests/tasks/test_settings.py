@@ -126,9 +126,9 @@ def test_people_of_a_world_do_not_depend_on_other_worlds() -> None:
         Episodes(FEEDING, 2, people="zoo/train", num_threads=1, settings=Settings(control_hz=20)),
     )
     action = np.zeros((1, alone.action_size))
-    together.reset(np.array([0, 1]), [random_streams.episode(seed) for seed in (0, 1)])
+    together.reset(np.array([0, 1]), [random_streams.episode_generator(seed) for seed in (0, 1)])
     together.step(np.repeat(action, 2, axis=0))
-    together.reset(np.array([1]), [random_streams.episode(0)])
+    together.reset(np.array([1]), [random_streams.episode_generator(0)])
     for _ in range(5):
         together.step(np.repeat(action, 2, axis=0))
         alone.step(action)
@@ -181,7 +181,7 @@ def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particle
     """The robot holds the tool level for a second; its expert can then begin."""
     settings = Settings(tool=tool, particles=particles)
     episodes = Episodes(f"avrgym/{task}Jaco-v1", 1, num_threads=1, settings=settings)
-    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    episodes.reset(np.array([0]), [random_streams.episode_generator(0)])
     for _ in range(10):
         step = episodes.step(np.zeros((1, episodes.action_size)))
     assert episodes.simulation.state().particle_pos_w.shape == (1, particles, 3)
@@ -224,7 +224,7 @@ def test_worlds_of_the_same_settings_share_a_scene(task: str) -> None:
 def test_a_chosen_base_replaces_the_search() -> None:
     pose = (-0.8, -0.2, 5.0)
     episodes = Episodes("avrgym/FeedingPR2-v1", 3, num_threads=1, settings=Settings(robot_pose=pose))
-    episodes.reset(np.arange(3), [random_streams.episode(seed) for seed in range(3)])
+    episodes.reset(np.arange(3), [random_streams.episode_generator(seed) for seed in range(3)])
     pos_w, q_w = episodes.simulation.initial_base_pose()
     np.testing.assert_allclose(pos_w[:, :2], [pose[:2]] * 3)
     np.testing.assert_allclose(2.0 * np.degrees(np.arctan2(q_w[:, 3], q_w[:, 0])), pose[2])
@@ -233,7 +233,7 @@ def test_a_chosen_base_replaces_the_search() -> None:
 def test_table_bowl_and_hand_move_together() -> None:
     offset_m = (0.05, 0.0, -0.02)
     usual, moved = begun(10), Episodes(FEEDING, 1, num_threads=1, settings=Settings(table_offset_m=offset_m))
-    moved.reset(np.array([0]), [random_streams.episode(0)])
+    moved.reset(np.array([0]), [random_streams.episode_generator(0)])
     for name in ("bowl", "table"):
         places = [
             each.simulation.body_poses(0)[each.simulation.bodies.index(name), :3] for each in (usual, moved)
@@ -248,13 +248,13 @@ def test_a_base_out_of_reach_is_refused() -> None:
     settings = Settings(robot_pose=(-3.0, 0.0, 0.0))
     episodes = Episodes("avrgym/FeedingPR2-v1", 1, num_threads=1, settings=settings)
     with pytest.raises(NoClearanceError, match="the arm does not reach"):
-        episodes.reset(np.array([0]), [random_streams.episode(0)])
+        episodes.reset(np.array([0]), [random_streams.episode_generator(0)])
 
 
 def test_drawn_people_have_the_heights_and_ranges_of_the_settings() -> None:
     settings = Settings(torso_height_m=(0.61, 0.62), range_share=0.6)
     episodes = Episodes(FEEDING, 8, people="revised", num_threads=1, settings=settings)
-    episodes.reset(np.arange(8), [random_streams.episode(seed) for seed in range(8)])
+    episodes.reset(np.arange(8), [random_streams.episode_generator(seed) for seed in range(8)])
     heights = episodes.people.torso_height_m
     assert (heights >= 0.61).all()
     assert (heights <= 0.62).all()
@@ -267,7 +267,7 @@ def test_drawn_people_have_the_heights_and_ranges_of_the_settings() -> None:
 @pytest.mark.parametrize("people", ["original", "participants"])
 def test_everybody_has_the_mass_of_the_settings(people: str) -> None:
     episodes = Episodes(FEEDING, 2, people=people, num_threads=1, settings=Settings(body_mass_kg=90.0))
-    episodes.reset(np.arange(2), [random_streams.episode(seed) for seed in range(2)])
+    episodes.reset(np.arange(2), [random_streams.episode_generator(seed) for seed in range(2)])
     model = episodes.simulation.batch.get_model(1)
     person = [model.body(PREFIX + name).id for name in BODIES]
     assert model.body_mass[person].sum() == pytest.approx(90.0)
@@ -278,7 +278,7 @@ def test_robots_standing_by_are_obstacles_that_do_not_move() -> None:
     place = (1.5, -1.0)
     settings = Settings(standing_by=(("PR2", *place, 90.0),))
     episodes = Episodes(FEEDING, 1, num_threads=1, settings=settings)
-    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    episodes.reset(np.array([0]), [random_streams.episode_generator(0)])
     model, plain = episodes.simulation.model, begun(10).simulation.model
     assert (model.nq, model.nu) == (plain.nq, plain.nu)
     added = [geom for geom in range(model.ngeom) if "standing_by_0" in body_of(model, geom)]
@@ -289,7 +289,7 @@ def test_robots_standing_by_are_obstacles_that_do_not_move() -> None:
     np.testing.assert_allclose(pose[:2], place)
     crowded = Episodes(FEEDING, 1, settings=Settings(standing_by=(("PR2", -0.4, -0.5, 0.0),)))
     with pytest.raises(NoClearanceError):
-        crowded.reset(np.array([0]), [random_streams.episode(0)])
+        crowded.reset(np.array([0]), [random_streams.episode_generator(0)])
 
 
 def body_of(model: Any, geom: int) -> str:
@@ -319,5 +319,5 @@ def begun(control_hz: int, people: str = "original", impairment: str = "none") -
         num_threads=1,
         settings=Settings(control_hz=control_hz),
     )
-    episodes.reset(np.array([0]), [random_streams.episode(0)])
+    episodes.reset(np.array([0]), [random_streams.episode_generator(0)])
     return episodes

@@ -30,7 +30,7 @@ def on_other_arm(environment: str) -> Settings:
 
 def begun(environment: str, settings: Settings, worlds: int = 2) -> Episodes:
     episodes = Episodes(environment, worlds, people="revised", num_threads=1, settings=settings)
-    episodes.reset(np.arange(worlds), [random_streams.episode(world) for world in range(worlds)])
+    episodes.reset(np.arange(worlds), [random_streams.episode_generator(world) for world in range(worlds)])
     return episodes
 
 

@@ -8,11 +8,17 @@ from scipy.spatial.transform import Rotation
 
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, Person
-from avrgym.vr.tracking.arm import ARM_PARTS, ArmLengths, ArmSolver, comfortable_angles, solution_ms
+from avrgym.vr.tracking.arm import (
+    ARM_JOINTS,
+    ArmLengths,
+    ArmSolver,
+    comfortable_angles,
+    measure_solve_time_ms,
+)
 
 PERSON = Person("woman", 0.54)
 LENGTHS = ArmLengths.from_person(PERSON)
-JOINTS = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
+JOINTS = [JOINT_INDEX[f"right_{part}"] for part in ARM_JOINTS]
 LOWER, UPPER = LOWER_RAD[JOINTS], UPPER_RAD[JOINTS]
 RELAXED = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
 REACH_M = LENGTHS.upper_m + LENGTHS.fore_m
@@ -188,4 +194,4 @@ def test_elbows_hang_down_and_outward_in_common_poses(name: str) -> None:
 
 
 def test_how_long_a_solution_takes_is_told() -> None:
-    assert 0.0 < solution_ms(calls=5) < 1000.0
+    assert 0.0 < measure_solve_time_ms(calls=5) < 1000.0

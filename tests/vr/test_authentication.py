@@ -34,7 +34,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.server import certificate as certificate_module
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
+from avrgym.vr.server.certificate import Certificate, lan_names, load_or_create_certificate
 from avrgym.vr.server.live_server import LiveServer, create_app
 from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
@@ -46,7 +46,8 @@ SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}
 """Every WebSocket, and the roles that it admits."""
 PAGES = ("/spectator",)
 """Every HTTP route that needs no token: pages without any data. All others need one."""
-GUARDED = ("/scenes/0.glb",)
+GUARDED = {"/scenes/0.glb": 200, "/sounds/en/chime": 204}
+"""Routes that need a token, and their status with a token."""
 
 CLIENT = httpx.Client(verify=False, timeout=PATIENCE_S, limits=httpx.Limits(max_keepalive_connections=0))
 """Made once, because that takes long; it keeps no connection."""
@@ -83,8 +84,8 @@ def tell(socket: ClientConnection, message: Message) -> None:
 
 def hear(socket: ClientConnection, kind: type) -> Message:
     """The next message of a kind."""
-    give_up = time.monotonic() + PATIENCE_S
-    while time.monotonic() < give_up:
+    discard_attempt = time.monotonic() + PATIENCE_S
+    while time.monotonic() < discard_attempt:
         message = decode_message(socket, socket.recv(PATIENCE_S))
         if isinstance(message, kind):
             return message
@@ -100,8 +101,8 @@ def hear_phase(socket: ClientConnection, name: str) -> None:
 @contextmanager
 def participant(server: LiveServer) -> Iterator[ClientConnection]:
     """The participant's socket, let in once the one before is gone."""
-    give_up = time.monotonic() + PATIENCE_S
-    while time.monotonic() < give_up:
+    discard_attempt = time.monotonic() + PATIENCE_S
+    while time.monotonic() < discard_attempt:
         with opened(server, "/ws", server.tokens.participant) as socket:
             if isinstance(hear(socket, Message), Welcome):
                 yield socket
@@ -113,7 +114,7 @@ def test_all_routes_are_tested(server: LiveServer) -> None:
     routes = server.app.routes
     assert {route.path for route in routes if isinstance(route, APIWebSocketRoute)} == set(SOCKETS)
     found = {route.path for route in routes if isinstance(route, APIRoute)}
-    assert found == {*PAGES, "/scenes/{number}.glb"}
+    assert found == {*PAGES, "/scenes/{number}.glb", "/sounds/{language}/{name}"}
     assert all(route.methods == {"GET"} for route in routes if isinstance(route, APIRoute))
 
 
@@ -147,7 +148,7 @@ def test_data_requires_a_token(server: LiveServer, path: str) -> None:
     for wrong in ({}, {"authorization": "Bearer x"}, {"authorization": server.tokens.spectator}):
         assert request(server, "GET", path, **wrong) == 401
     for role in ("participant", "experimenter", "spectator"):
-        assert request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}") == 200
+        assert request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}") == GUARDED[path]
 
 
 @pytest.mark.parametrize("path", ["/", *PAGES, *GUARDED])
@@ -262,7 +263,7 @@ def loaded(certificate: Certificate) -> x509.Certificate:
 
 
 def test_a_certificate_is_for_all_names_and_only_its_owner_reads_it(tmp_path: Path) -> None:
-    made = certificate_for(NAMES, tmp_path / "new")
+    made = load_or_create_certificate(NAMES, tmp_path / "new")
     names = loaded(made).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert names.get_values_for_type(x509.DNSName) == ["localhost", "lab", "lab.local"]
     assert [str(ip) for ip in names.get_values_for_type(x509.IPAddress)] == ["127.0.0.1", "192.0.2.7"]
@@ -273,7 +274,7 @@ def test_a_certificate_is_for_all_names_and_only_its_owner_reads_it(tmp_path: Pa
 
 def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def number(names: tuple[str, ...] = NAMES) -> int:
-        return loaded(certificate_for(names, tmp_path)).serial_number
+        return loaded(load_or_create_certificate(names, tmp_path)).serial_number
 
     first = number()
     assert number() == first
@@ -287,7 +288,7 @@ def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch
     (tmp_path / "certificate.pem").unlink()
     soon_over = number(("192.0.2.8",))
     monkeypatch.undo()
-    renewed = certificate_for(("192.0.2.8",), tmp_path)
+    renewed = load_or_create_certificate(("192.0.2.8",), tmp_path)
     assert loaded(renewed).serial_number != soon_over
     left = loaded(renewed).not_valid_after_utc - datetime.datetime.now(datetime.UTC)
     assert left.days >= certificate_module.VALID_DAYS - 1
@@ -303,7 +304,7 @@ def test_the_names_are_this_machines() -> None:
 def test_the_local_network_requires_tls(tmp_path: Path) -> None:
     with pytest.raises(ServerError, match="--lan"):
         LiveServer(lambda send: cast(Session, None), "0.0.0.0", 0)
-    made = certificate_for(("lab",), tmp_path)
+    made = load_or_create_certificate(("lab",), tmp_path)
     with LiveServer(
         lambda send: Session(plan(), constant_policies(plan()), tmp_path / "study", send, "lan"),
         "0.0.0.0",

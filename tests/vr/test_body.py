@@ -21,7 +21,7 @@ from avrgym.models.human import (
 )
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import (
-    RELAXED_RAD,
+    RELAXED_ANGLES_RAD,
     BodyPose,
     BodySolver,
     hips_frame,
@@ -232,7 +232,7 @@ def both_arms(**degrees: float) -> np.ndarray:
 
 
 JOURNEY = (
-    RELAXED_RAD,
+    RELAXED_ANGLES_RAD,
     both_arms(
         right_shoulder_y=15, right_shoulder_x=10, right_elbow_x=-85, right_forearm_z=-20
     ),  # on armrests
@@ -249,14 +249,14 @@ JOURNEY = (
     ),  # mouth
     both_arms(right_shoulder_y=12, right_shoulder_x=-25, right_elbow_x=-80, right_forearm_z=-70),  # palms up
     both_arms(right_shoulder_y=10, right_shoulder_x=-20, head_z=40, waist_y=10, waist_z=15),  # looking aside
-    RELAXED_RAD,
+    RELAXED_ANGLES_RAD,
 )
 
 
 def test_smooth_movements_are_followed_without_a_jump() -> None:
     """From pose to pose in 1 s each at 100 Hz: no joint turns by 0.1 rad in a frame, hands stay within 1 cm and 5°."""
     skeleton, solver = Skeleton(WOMAN), BodySolver(WOMAN)
-    angles = RELAXED_RAD
+    angles = RELAXED_ANGLES_RAD
     for start, end in itertools.pairwise(JOURNEY):
         for share in np.linspace(0.0, 1.0, 100):
             least_jerk = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)

@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection
 from avrgym.vr.protocol.messages import Entered, Phase, StateChange
 from avrgym.vr.server import connection_limits as gate_module
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.certificate import certificate_for
+from avrgym.vr.server.certificate import load_or_create_certificate
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.vr.raw_clients import (
@@ -57,9 +57,9 @@ def server(make_server: Callable[..., LiveServer[Session]]) -> Iterator[LiveServ
 
 
 def await_that(condition: Callable[[], bool]) -> None:
-    give_up = time.monotonic() + TIMEOUT_S
+    discard_attempt = time.monotonic() + TIMEOUT_S
     while not condition():
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
         time.sleep(0.01)
 
 
@@ -201,7 +201,7 @@ def test_connections_without_handshake_time_out(
     make_server: Callable[..., LiveServer[Session]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gate_module, "TLS_TIMEOUT_S", 0.3)
-    certificate = certificate_for(("lab",), tmp_path / "certificate")
+    certificate = load_or_create_certificate(("lab",), tmp_path / "certificate")
     with make_server(certificate=certificate) as server:
         with idle_connections(server.port, 20) as silent:
             assert all(is_closed(each) for each in silent)

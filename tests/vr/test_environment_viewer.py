@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.server.environment_viewer import LOADING_S, LOOK_AT_END_S, EnvironmentViewer
+from avrgym.vr.server.environment_viewer import LOADING_TIMEOUT_S, LOOK_AT_END_S, EnvironmentViewer
 
 BATHING = "avrgym/BedBathingJaco-v1"
 TICK_S = 0.01
@@ -89,7 +89,7 @@ def test_an_episode_waits_for_its_scene_but_not_for_ever():
     watcher.run(1.0)
     waiting = [place(state) for state in watcher.inbox(State)]
     assert all((poses == waiting[0]).all() for poses in waiting)
-    watcher.run(LOADING_S)
+    watcher.run(LOADING_TIMEOUT_S)
     assert watcher.words.endswith("running")
     assert (place(watcher.inbox(State)[-1]) != waiting[0]).any()
 
@@ -130,7 +130,7 @@ def test_a_pause_holds_the_world_until_it_is_continued():
     watcher.command("pause")
     before, states = watcher.inbox(Status)[-1], len(watcher.inbox(State))
     assert (before.paused, watcher.viewing.at_rest) == (True, True)
-    watcher.run(LOADING_S + LOOK_AT_END_S)
+    watcher.run(LOADING_TIMEOUT_S + LOOK_AT_END_S)
     assert watcher.words.endswith("paused")
     assert watcher.inbox(Status)[-1].step == before.step
     held = [place(state) for state in watcher.inbox(State)[states:]]

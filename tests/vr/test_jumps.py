@@ -13,7 +13,13 @@ from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
-from avrgym.vr.tracking.jumps import BODY_PARTS, RETURN_SPEED_FRACTION, VALID_AFTER_S, Limb, min_duration_s
+from avrgym.vr.tracking.jumps import (
+    BODY_PARTS,
+    RECOVERY_TIME_S,
+    RETURN_SPEED_FRACTION,
+    LimbFilter,
+    min_duration_s,
+)
 from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
 
@@ -35,7 +41,7 @@ def towards(pose: XRPose, seconds: float, rng: np.random.Generator) -> XRPose:
 
 
 def test_what_a_person_can_do_is_followed_exactly() -> None:
-    rng, limb, pose, now_s = np.random.default_rng(1), Limb(), REST, 0.0
+    rng, limb, pose, now_s = np.random.default_rng(1), LimbFilter(), REST, 0.0
     for _ in range(5000):
         passed_s = float(rng.uniform(FASTEST_FRAME_S, 0.05))
         pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
@@ -45,7 +51,7 @@ def test_what_a_person_can_do_is_followed_exactly() -> None:
 
 
 def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
-    limb, away = Limb(), XRPose((0.3, 1.2, 0.0), REST.orientation)
+    limb, away = LimbFilter(), XRPose((0.3, 1.2, 0.0), REST.orientation)
     followed = []
     for tick in range(300):
         now_s = tick * TICK_S
@@ -53,7 +59,7 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
         followed.append(limb.follow(now_s))
     steps_s = [min_duration_s(one, other) for one, other in pairwise(followed)]
     moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
-    assert moved[0] == pytest.approx(10 + VALID_AFTER_S / TICK_S, abs=2)
+    assert moved[0] == pytest.approx(10 + RECOVERY_TIME_S / TICK_S, abs=2)
     assert max(steps_s) == pytest.approx(RETURN_SPEED_FRACTION * TICK_S)
     assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2)
     assert followed[-1] == away
@@ -62,7 +68,7 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
 
 def test_who_teleports_at_90_hz_moves_nothing() -> None:
     """Only a pose that happens to lie where the limb can have got is believed."""
-    rng, limb = np.random.default_rng(3), Limb()
+    rng, limb = np.random.default_rng(3), LimbFilter()
     limb.update(REST, 0.0, 0.0)
     assert limb.follow(0.0) == REST
     for frame in range(1, 9000):
@@ -75,7 +81,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
     """Random mixtures of jumps, gaps, rests and movement."""
     rng = np.random.default_rng(4)
     for _ in range(200):
-        limb, pose, followed, followed_s = Limb(), REST, REST, 0.0
+        limb, pose, followed, followed_s = LimbFilter(), REST, REST, 0.0
         limb.update(REST, 0.0, 0.0)
         limb.follow(0.0)
         for tick in range(1, 150):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from avrgym.vr.benchmark import live_latency
-from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, merge_spans, overlap_s, without_overlap
+from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, has_no_overlap, merge_spans, overlap_s
 from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_vr
 from avrgym.vr.server.real_time_loop import LateTick
 
@@ -83,8 +83,8 @@ def test_spans_of_several_processors_are_merged() -> None:
 def test_spans_outside_are_found() -> None:
     spans = [(1.0, 2.0), (3.0, 4.0)]
     began_s, ended_s = np.array([[0.0, 0.9], [0.5, 1.5], [1.2, 1.3], [2.1, 2.9], [2.1, 4.5], [4.1, 5.0]]).T
-    assert without_overlap(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
-    assert without_overlap([], began_s, ended_s).all()
+    assert has_no_overlap(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
+    assert has_no_overlap([], began_s, ended_s).all()
 
 
 @pytest.mark.slow

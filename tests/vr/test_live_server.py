@@ -139,8 +139,8 @@ class Client:
 
     def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
         """The next message of a kind that fulfils a condition."""
-        give_up = time.monotonic() + PATIENCE_S
-        while time.monotonic() < give_up:
+        discard_attempt = time.monotonic() + PATIENCE_S
+        while time.monotonic() < discard_attempt:
             message = self.receive()
             if isinstance(message, kind) and that(message):
                 return message
@@ -162,14 +162,14 @@ class Client:
 @contextmanager
 def participant(server: LiveServer) -> Iterator[Client]:
     """A client that was let in; waits until the one before is gone."""
-    give_up = time.monotonic() + PATIENCE_S
+    discard_attempt = time.monotonic() + PATIENCE_S
     while True:
         client = Client(server)
         client.hello()
         if isinstance(client.receive(), Welcome):
             break
         client.__exit__()
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
     with client:
         yield client
 
@@ -193,9 +193,9 @@ def sit_down(client: Client) -> None:
 
 
 def await_that(condition: Callable[[], bool]) -> None:
-    give_up = time.monotonic() + PATIENCE_S
+    discard_attempt = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
         time.sleep(0.005)
 
 
@@ -522,7 +522,7 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
             outbox.push(state_of(i))
-        rest = [await outbox.next() for _ in range(broadcast.OUTBOX_MESSAGES + 1)]
+        rest = [await outbox.next() for _ in range(broadcast.MAX_OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 
     (first, problem, state), _ = asyncio.run(push())
@@ -773,7 +773,7 @@ def test_an_address_that_is_not_here_is_named(host: str) -> None:
 
 
 def test_a_missing_client_is_named_with_the_way_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(web_server, "STATIC", tmp_path)
+    monkeypatch.setattr(web_server, "STATIC_FOLDER", tmp_path)
     with pytest.raises(ServerError, match="make client"):
         make_server(tmp_path)
 

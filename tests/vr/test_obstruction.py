@@ -11,11 +11,11 @@ from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL
-from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.obstruction import OBSTRUCTED_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, State
-from avrgym.vr.tracking.body import RELAXED_RAD, BodyPose
+from avrgym.vr.tracking.body import RELAXED_ANGLES_RAD, BodyPose
 from avrgym.vr.tracking.jumps import BODY_PARTS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
@@ -26,10 +26,10 @@ class Sitting:
     """Somebody in a world whose robot stands still, and who moves their right hand."""
 
     def __init__(self) -> None:
-        person = Person("woman", 0.54, RELAXED_RAD)
+        person = Person("woman", 0.54, RELAXED_ANGLES_RAD)
         self.world = LiveWorld(ENVIRONMENT, person)
         self.obstruction = ObstructionMonitor(self.world.simulation, self.world.skeleton)
-        self.rest = pose_of(person, self.world.scene_config.posture, RELAXED_RAD)
+        self.rest = pose_of(person, self.world.scene_config.posture, RELAXED_ANGLES_RAD)
         assert self.rest.left is not None
         assert self.rest.right is not None
         self.start_w = self.rest.right.pos_w
@@ -98,7 +98,7 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
     before_tool_w = sitting.tool_w() + 0.2 * transforms.normalize(sitting.start_w - sitting.tool_w())
     for share in np.linspace(0.0, 1.0, 100):
         sitting.reach(sitting.start_w + share * (before_tool_w - sitting.start_w))
-    operator = Operator()
+    operator = OperatorDriver()
     sitting.world.prepare(operator)
     held = [sitting.reach(before_tool_w, operator) for _ in range(50)]
     for tick in range(300):

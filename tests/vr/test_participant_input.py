@@ -13,7 +13,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Input, Offered, Press, Pressed, Target, Targets, Tracking
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from avrgym.vr.tracking.body import ARMS
+from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE
 from helpers.vr.visit import Visit, plan
 
 SCRATCH = "avrgym/ScratchItchJaco-v1"
@@ -46,7 +46,7 @@ def test_untracked_arms_rest_without_events_where_the_profile_needs_none(tmp_pat
     lost = (events.TrackingLost, events.TrackingTimedOut)
     assert not [each for each in visit.observed if isinstance(each, lost)]
     visit.tick(400)
-    joints = ARMS["left"] + ARMS["right"]
+    joints = ARM_JOINTS_BY_SIDE["left"] + ARM_JOINTS_BY_SIDE["right"]
     rest = TASKS["ScratchItch"].pose.rest_rad
     np.testing.assert_allclose(visit.session.world.joint_targets_rad[joints], rest[joints], atol=1e-9)
     (recording,) = visit.recordings()

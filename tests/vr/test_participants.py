@@ -22,7 +22,7 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
-from avrgym.vr.emulation.in_process_client import STATE_EVERY_TICKS, InProcessClient
+from avrgym.vr.emulation.in_process_client import STATE_INTERVAL_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.vr.live_world.scene_message import poses as world_poses
 from avrgym.vr.live_world.scene_message import scene_message
@@ -251,7 +251,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
         client.receive(message)
 
     session = Session(
-        trials, constant_policies(trials), tmp_path, send, "whole", state_interval_ticks=STATE_EVERY_TICKS
+        trials, constant_policies(trials), tmp_path, send, "whole", state_interval_ticks=STATE_INTERVAL_TICKS
     )
     client.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"

@@ -20,8 +20,8 @@ from avrgym.vr.server.inbox import (
     MESSAGES_PER_TICK,
 )
 from avrgym.vr.server.real_time_loop import (
-    CATCH_UP_TICKS,
     GARBAGE_COLLECTION_INTERVAL_S,
+    MAX_CATCH_UP_TICKS,
     PRIORITY,
     RealTimeLoop,
 )
@@ -116,9 +116,9 @@ def highest_allowed() -> int:
 
 
 def await_that(condition: Callable[[], bool]) -> None:
-    give_up = time.monotonic() + PATIENCE_S
+    discard_attempt = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
         time.sleep(0.001)
 
 
@@ -130,7 +130,7 @@ def test_it_ticks_every_10_ms_independent_of_the_work(clock: FakeClock) -> None:
 
 
 def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
-    late_s = 0.9 * CATCH_UP_TICKS * TICK_S
+    late_s = 0.9 * MAX_CATCH_UP_TICKS * TICK_S
     session = FakeSession(lambda ticks: clock.sleep(late_s if ticks == 10 else 0.0))
     loop = run(session, 30)
     due = [i * TICK_S for i in range(30)]
@@ -138,9 +138,9 @@ def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
     assert session.ticked_s[10] == pytest.approx(due[9] + late_s)
     assert session.ticked_s[15:30] == pytest.approx(due[15:])
     assert loop.missed_ticks == 0
-    assert len(loop.late) == CATCH_UP_TICKS - 1
+    assert len(loop.late) == MAX_CATCH_UP_TICKS - 1
     assert [tick.ended_s - tick.due_s - TICK_S for tick in loop.late] == pytest.approx(
-        [late_s - (i + 1) * TICK_S for i in range(CATCH_UP_TICKS - 1)]
+        [late_s - (i + 1) * TICK_S for i in range(MAX_CATCH_UP_TICKS - 1)]
     )
 
 

@@ -10,8 +10,8 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, skin_colours
 from avrgym.vr.scene.body_surfaces import body_surfaces
 from avrgym.vr.scene.geom_meshes import geom_mesh
-from avrgym.vr.scene.scene_export import export_glb, geoms_by_carrier
-from avrgym.vr.scene.skins import skins_of
+from avrgym.vr.scene.scene_export import export_glb, geoms_by_body
+from avrgym.vr.scene.skins import read_skins
 from helpers.browser.glb import GlbFile
 from helpers.robots.example_robots import ALL_ROBOTS, scene_of, scenes_of
 
@@ -64,7 +64,7 @@ def test_each_part_of_the_file_has_the_colours_of_its_geoms(name: str) -> None:
     """So many triangles in each colour at each body."""
     for model in scenes_of(name):
         drawn, wanted = drawn_by_mujoco(model), {}
-        for carrier, geoms in geoms_by_carrier(model).items():
+        for carrier, geoms in geoms_by_body(model).items():
             colours = wanted.setdefault(model.body(carrier).name, Counter())
             for geom in geoms:
                 colours[stored(drawn[geom])] += len(geom_mesh(model, geom).faces)
@@ -132,4 +132,4 @@ def test_a_skin_without_a_material_has_its_own_colour() -> None:
     np.testing.assert_allclose(skin_colours(model), model.mat_rgba[model.skin_matid], atol=1e-6)
     model.skin_matid[0], model.skin_rgba[0] = -1, RED
     np.testing.assert_allclose(skin_colours(model)[0], RED, atol=1e-6)
-    assert next(skin.rgba[0].tolist() for skin in skins_of(model)) == pytest.approx(RED)
+    assert next(skin.rgba[0].tolist() for skin in read_skins(model)) == pytest.approx(RED)

@@ -14,7 +14,7 @@ from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
-from avrgym.vr.scene.skins import Skin, skins_of, with_cap
+from avrgym.vr.scene.skins import Skin, add_cap, read_skins
 from helpers.browser.glb import GlbFile
 
 MOST_CALLS, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000
@@ -152,10 +152,10 @@ def test_skins_rest_where_their_bones_are_bound() -> None:
 
 def body_and_lidded(model: mujoco.MjModel) -> tuple[Skin, Skin]:
     """The body's bare skin, and the same with a lid where the face begins."""
-    skins = {skin.name: skin for skin in skins_of(model)}
+    skins = {skin.name: skin for skin in read_skins(model)}
     body, face = skins["person/body"], skins["person/face"]
-    lidded = with_cap(body, face)
-    assert with_cap(lidded, face) is lidded
+    lidded = add_cap(body, face)
+    assert add_cap(lidded, face) is lidded
     return body, lidded
 
 

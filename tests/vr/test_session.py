@@ -673,8 +673,8 @@ def test_a_full_disk_pauses_the_trial_in_words_and_it_can_be_repeated(
     full = visit(free_movement_s=1000.0)
     full.go_to("free_before")
     small_files(50_000)
-    give_up = time.monotonic() + 30.0
-    while full.phase == "free_before" and time.monotonic() < give_up:
+    discard_attempt = time.monotonic() + 30.0
+    while full.phase == "free_before" and time.monotonic() < discard_attempt:
         full.tick(10)
     small_files(0)
     assert full.phase == "paused"

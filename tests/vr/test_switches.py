@@ -20,7 +20,7 @@ from avrgym.vr.tracking.switches import (
     MAX_DEVICE_OFFSET_M,
     MAX_SWITCH_GAP_S,
     REST_RADIUS_M,
-    Hand,
+    HandDevice,
 )
 from helpers.vr import device_switch_examples
 from helpers.vr.device_switch_examples import (
@@ -76,7 +76,7 @@ def test_a_resting_hand_stays_where_it_is(
     """Whatever two devices think of it, to and fro, for ten seconds each."""
     farthest = np.zeros(2)
     for _ in range(20):
-        rest, hand, time_s = random_grip(rng), Hand(side), 0.0
+        rest, hand, time_s = random_grip(rng), HandDevice(side), 0.0
         errors = [random_error(rng, rng.uniform(0.0, 0.06), rng.uniform(0.0, 35.0)) for _ in way]
         begins: Pose | None = None
         for turn in range(4):
@@ -95,7 +95,7 @@ def test_a_resting_hand_stays_where_it_is(
 def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bit(
     rng: np.random.Generator,
 ) -> None:
-    hand = Hand("right")
+    hand = HandDevice("right")
     for number in range(200):
         pose = random_grip(rng)
         assert hand.grip(pose, "controller", number * FRAME_S) is pose
@@ -105,7 +105,7 @@ def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bi
 def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
     side: Side, rng: np.random.Generator
 ) -> None:
-    hand, error = Hand(side), random_error(rng, 0.1, 40.0)
+    hand, error = HandDevice(side), random_error(rng, 0.1, 40.0)
     grip = random_grip(rng)
     hand.grip(grip, "controller", 0.0)
     steps_m, lengths_m = [], []
@@ -127,7 +127,7 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
     for way_m, gap_s in ((2.0 * MAX_DEVICE_OFFSET_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
-        hand, grip = Hand("right"), random_grip(rng)
+        hand, grip = HandDevice("right"), random_grip(rng)
         hand.grip(grip, "controller", 0.0)
         wrist = measured_pose(grip, "right", "hand", random_error(rng, way_m, 10.0))
         assert hand.grip(wrist, "hand", gap_s) == grip_from_wrist(wrist, "right")
@@ -135,7 +135,7 @@ def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
 
 def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> None:
     """After any number of switches a resting hand that its first device sees again is where that sees it."""
-    hand, rest, error = Hand("left"), random_grip(rng), random_error(rng, 0.08, 30.0)
+    hand, rest, error = HandDevice("left"), random_grip(rng), random_error(rng, 0.08, 30.0)
     for number in range(201):
         modality: Modality = "hand" if number % 2 else "controller"
         pose = measured_pose(rest, "left", modality, error if number % 2 else NO_ERROR)
@@ -146,7 +146,7 @@ def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> 
 def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator) -> None:
     """Hands that move at up to 1.5 m/s while their devices change."""
     for _ in range(50):
-        hand, grip, error = Hand("right"), random_grip(rng), random_error(rng, 0.05, 30.0)
+        hand, grip, error = HandDevice("right"), random_grip(rng), random_error(rng, 0.05, 30.0)
         modality: Modality = "controller"
         before = grip
         for number in range(200):

@@ -11,7 +11,7 @@ from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERIT
 Condition = tuple[str | None, str | None]
 """Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE_TRIALS`` for events outside trials."""
 PRACTICE, OUTSIDE_TRIALS = ("practice", None), (None, None)
-NONE = "No adverse events were recorded."
+NO_EVENTS_TEXT = "No adverse events were recorded."
 REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
 SAFETY_NOTE = (
     "Stopped attempts, interventions of the force guard and contact forces are measures of the robots. They are not "
@@ -50,7 +50,7 @@ def describe_adverse_events(analysis: Analysis) -> str:
     )
     lost = f" {REPORTS_LOST}" if analysis.rebuilt_at else ""
     if not events:
-        return f"{NONE}{deleted}{lost}"
+        return f"{NO_EVENTS_TEXT}{deleted}{lost}"
     people = len({row["participant"] for row in events})
     everyone = flow.enrolled - flow.deleted if flow else people
     return (

@@ -23,7 +23,7 @@ from avrgym.analysis.log import log_section
 from avrgym.analysis.models.section import MODELS_METHOD, models_section
 from avrgym.analysis.outcomes.section import outcomes_section
 from avrgym.analysis.outcomes.trials import trials_section
-from avrgym.analysis.page.comparisons import other_tests, tables_of_tests
+from avrgym.analysis.page.comparisons import remaining_tests, tables_of_tests
 from avrgym.analysis.page.drawing import Drawing
 from avrgym.analysis.page.elements import (
     Markup,
@@ -43,10 +43,10 @@ from avrgym.analysis.primary import primary_section
 from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.repeats import REPEATS_METHOD, repeats_section
 from avrgym.analysis.sites import sites_section
-from avrgym.analysis.statistics.tests import EXACT_SIGNED_RANK
+from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK
 from avrgym.analysis.streams import streams_section
 from avrgym.analysis.study import Analysis
-from avrgym.recording.respondents import PROXY
+from avrgym.commands.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
@@ -161,7 +161,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         models_section(analysis.models, simulated),
         commands_section(design, observed.trials, observed.commands, simulated),
         biomechanics_section(analysis.biomechanics, analysis.ranges, simulated, own, tests),
-        other_tests(tests),
+        remaining_tests(tests),
         sites_section(
             observed.participants, observed.trials, analysis.site_outcomes, analysis.site_effects, simulated
         ),
@@ -280,8 +280,8 @@ METHODS = (
     "interval, with the effective sample size if participants have several trials. Next to them is the evaluation of "
     "the same policy in simulation with its training population. Rewards that are all equal have no interval.",
     "Wilcoxon signed-rank test: zero differences are left out and ties get mean ranks. It is exact for at most "
-    f"{EXACT_SIGNED_RANK} differences, else a normal approximation. Policies are paired within participant × task × "
-    "robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
+    f"{MAX_EXACT_SIGNED_RANK} differences, else a normal approximation. Policies are paired within participant × task "
+    "× robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
     "analysis, which assumes independent trials.",
     "Effect size: rank-biserial correlation r from −1 to 1, positive if the first group is larger. Its 95 % confidence "
     "interval is Wilson's for the share (1 + r) / 2, with the effective sample size of the ranks. For energy distances "

@@ -41,7 +41,7 @@ from avrgym.analysis.latency import LatencyRow, latency_rows
 from avrgym.analysis.log import StudyLog, study_log
 from avrgym.analysis.models.models import ModelRow, model_rows
 from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_families
-from avrgym.analysis.outcomes.paper_tables import file_tables, paper_tables
+from avrgym.analysis.outcomes.paper_tables import csv_tables, paper_tables
 from avrgym.analysis.plan import FrozenPlan, label_by_plan, plan_results, read_frozen_plan
 from avrgym.analysis.primary import assign_roles
 from avrgym.analysis.reading.commands import CommandRow
@@ -59,7 +59,7 @@ from avrgym.analysis.reading.study_data import StudyData, read_study
 from avrgym.analysis.repeats import RepeatRow, repeat_rows
 from avrgym.analysis.sites import SiteEffectRow, SiteOutcomeRow, site_effect_rows, site_outcome_rows
 from avrgym.analysis.statistics.comparisons import ComparisonRow, Family
-from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
+from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM, MAX_EXACT_SIGNED_RANK, PERMUTATIONS
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding
@@ -68,7 +68,7 @@ from avrgym.study.checking.repeats import attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.functioning import functioning_counts
-from avrgym.study.export.records import NO_EXTRAS, adverse_event_rows
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import FORMAT_NAME
 from avrgym.study.storage.data_loss import describe_data_loss
@@ -148,7 +148,7 @@ class Analysis:
         yield Table("adverse_events", TABLES["adverse_events"], self.adverse_events)
         yield Table.of("problems", ProblemRow, seen.problems)
         yield Table.of("objective", ObjectiveRow, self.objective)
-        yield from file_tables(list(paper_tables(self.design, self.objective)))
+        yield from csv_tables(list(paper_tables(self.design, self.objective)))
         yield Table.of("subjective", SubjectiveRow, self.subjective)
         yield Table.of("session_answers", SessionAnswerRow, self.session_answers)
         yield Table.of("likert", LikertRow, self.likert)
@@ -179,8 +179,8 @@ class Analysis:
                 "people_per_task": PEOPLE_PER_TASK,
                 "seed": TRAINING_PEOPLE_SEED,
                 "permutations": PERMUTATIONS,
-                "exact_signed_rank": EXACT_SIGNED_RANK,
-                "exact_rank_sum": EXACT_RANK_SUM,
+                "exact_signed_rank": MAX_EXACT_SIGNED_RANK,
+                "exact_rank_sum": MAX_EXACT_RANK_SUM,
             },
             "differences": [
                 {"where": each.where, "message": each.message, "is_error": each.is_error}
@@ -246,7 +246,9 @@ def analyse(
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
-        adverse_events=[vars(row) for row in adverse_event_rows(store, store.participants(), NO_EXTRAS)],
+        adverse_events=[
+            vars(row) for row in adverse_event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
+        ],
         functioning=[vars(row) for row in functioning_counts(store)] if store.design.ask_functioning else [],
         losses=describe_data_loss(store),
         repeats=repeat_rows(attempted_trials(store)),

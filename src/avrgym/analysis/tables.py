@@ -10,7 +10,7 @@ from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.reading.trial_series import TrialSeries
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import table_columns
-from avrgym.study.export.table_files import spreadsheet_safe
+from avrgym.study.export.table_files import escape_formula
 from avrgym.system.columns import NUMBER, Column, columns_of
 from avrgym.system.files import open_new_csv
 
@@ -33,7 +33,7 @@ class Table:
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
-            writer.writerows([spreadsheet_safe(row[column]) for column in self.columns] for row in self.rows)
+            writer.writerows([escape_formula(row[column]) for column in self.columns] for row in self.rows)
 
 
 def control_steps(

@@ -75,7 +75,7 @@ def export_scene(
             num_threads=1,
             settings=parse_settings(settings or []),
         )
-        episodes.reset(np.array([0]), [random_streams.episode(seed)])
+        episodes.reset(np.array([0]), [random_streams.episode_generator(seed)])
         write_scene(episodes, out)
         print_line(f"MJB       {out / MJB}: the physics model, without appearance")
         print_line(f"MJCF      {out / MJCF}: with appearance; the person's body is stiffer")

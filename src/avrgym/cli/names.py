@@ -81,7 +81,9 @@ def print_key(folder: Path) -> None:
     lock = identity_file.key_source(folder)
     if lock is None:
         return
-    what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
+    what = (
+        "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_file_path(lock)}"
+    )
     print_line(f"names     are encrypted with {what}. {KEY_ADVICE}")
 
 

@@ -12,7 +12,7 @@ from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
 from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
-from avrgym.recording.respondents import ANSWERING
+from avrgym.commands.respondents import ANSWERING
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -124,7 +124,7 @@ def adverse_events(
     The first table lists each adverse event with its latest follow-up. The second table lists stops, interventions and
     forces that sessions recorded.
     """
-    from avrgym.study.export.records import Extras, adverse_event_rows, write_adverse_events
+    from avrgym.study.export.records import ExportOptions, adverse_event_rows, write_adverse_events
     from avrgym.study.people.adverse_events import SOURCES, safety_events
     from avrgym.study.storage.store import Store
 
@@ -132,7 +132,8 @@ def adverse_events(
         check_json(json_file)
         with Store(folder) as store:
             rows = [
-                vars(row) for row in adverse_event_rows(store, store.participants(), Extras(free_text=True))
+                vars(row)
+                for row in adverse_event_rows(store, store.participants(), ExportOptions(free_text=True))
             ]
             noticed = [
                 {"participant": person.pseudonym, **asdict(each)}
@@ -170,7 +171,13 @@ def retention(
     The periods are in [retention] of study.toml. With --delete, data that are due are deleted, and each deletion is
     logged. Run the command with --delete daily by cron or systemd.
     """
-    from avrgym.study.people.retention import DATA_NAMES, delete_due, describe_due, schedule, today
+    from avrgym.study.people.retention import (
+        DATA_NAMES,
+        delete_due_data,
+        describe_due_deletions,
+        schedule,
+        today,
+    )
     from avrgym.study.storage.store import Store
 
     with report_errors():
@@ -194,10 +201,10 @@ def retention(
                     "No data have a retention period: set periods and ended_on in [retention] of study.toml."
                 )
             if not delete:
-                for words in describe_due(store, day):
+                for words in describe_due_deletions(store, day):
                     print_line(f"due       {words}")
                 return
-            for what, pseudonym in delete_due(store, day):
+            for what, pseudonym in delete_due_data(store, day):
                 log(store, "delete by schedule", pseudonym, detail=DATA_NAMES[what])
                 print_line(f"deleted   {DATA_NAMES[what]} of {pseudonym}")
 
@@ -274,7 +281,7 @@ def change_input(
     read_aloud: Annotated[bool | None, typer.Option(help="Read texts aloud.")] = None,
     captions: Annotated[bool | None, typer.Option(help="Show a caption for each sound.")] = None,
 ) -> None:
-    """Show or change how a participant selects, stops, reads and hears.
+    """Show or change how a participant selects and stops.
 
     Options that are not given keep their values. A new method has its own default stop. During a session, use the
     dashboard instead.
@@ -282,7 +289,7 @@ def change_input(
     import msgspec
 
     from avrgym.recording.input_profile import CONTROLLERS
-    from avrgym.study.people.input_profiles import checked_profile, set_input_profile
+    from avrgym.study.people.input_profiles import parse_profile, set_input_profile
     from avrgym.study.storage.store import Store
 
     options = {
@@ -312,7 +319,7 @@ def change_input(
         known = {name: getattr(before, name) for name in before.__struct_fields__}
         if method is not None and method != before.method:
             known["stops"] = None
-        profile = checked_profile(known | given)
+        profile = parse_profile(known | given)
         if given:
             set_input_profile(store, participant, profile)
             log(store, "change input", participant)
@@ -387,7 +394,7 @@ def respondent(
     participant: Pseudonym,
     who: Annotated[str, typer.Argument(help=f"{' or '.join(ANSWERING)}.", metavar="WHO")],
 ) -> None:
-    """Store who answers the questionnaires for a participant from now on.
+    """Store who answers for a participant from now on.
 
     Answers by proxy are marked in all tables, figures and exports.
     """
@@ -408,7 +415,7 @@ def own_furniture(
         typer.Option("--set", help="Change a measure, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
     ] = None,
 ) -> None:
-    """Show or store the measures of a participant's own wheelchair and bed.
+    """Show or store measures of wheelchair and bed.
 
     They replace those of study.toml and of the station in all later sessions of the participant. Names are those of
     [furniture] in study.toml.

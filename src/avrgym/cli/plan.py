@@ -65,7 +65,7 @@ def freeze(
     adopted.
     """
     from avrgym.analysis.plan import available_tests
-    from avrgym.study.plan.frozen_plan import FROZEN, adopt_plan, may_adopt
+    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, adopt_plan, may_adopt
     from avrgym.study.plan.frozen_plan import freeze_plan as freeze_plan
     from avrgym.study.plan.plan import FILE
     from avrgym.study.plan.preregistration import write_preregistration
@@ -79,7 +79,7 @@ def freeze(
             log(store, "store evidence of plan")
         elif may_adopt(store) and not template:
             print_line(
-                f"adopted   {store.folder / FROZEN}, frozen at {adopt_plan(store).frozen_at} at another station"
+                f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_plan(store).frozen_at} elsewhere"
             )
             log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
@@ -87,8 +87,8 @@ def freeze(
         else:
             record = freeze_plan(store, available_tests(store.design))
             log(store, "freeze plan")
-            print_line(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
-            _print_deposit(store.folder / FROZEN)
+            print_line(f"frozen    {store.folder / FROZEN_PLAN_FILE} at {record.frozen_at}")
+            _print_deposit(store.folder / FROZEN_PLAN_FILE)
 
 
 def _print_deposit(record: Path) -> None:
@@ -106,11 +106,11 @@ def _print_deposit(record: Path) -> None:
 def _store_evidence(
     store: "Store", timestamp: Path | None, registered: str | None, registered_on: datetime | None
 ) -> None:
-    from avrgym.study.plan.frozen_plan import FROZEN
+    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE
     from avrgym.study.plan.timestamps import store_registration, store_time_stamp
     from avrgym.study.storage.states import StudyError
 
-    record = store.folder / FROZEN
+    record = store.folder / FROZEN_PLAN_FILE
     if not record.exists():
         raise StudyError(
             f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` creates one"

@@ -225,10 +225,10 @@ def _write_mcap(recording: "Recording", mcap: Path) -> None:
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:
-    from avrgym.replay.pictures import draw_strip
+    from avrgym.replay.pictures import write_strip
 
     with _progress(recording, "drawing") as advance:
-        times_s = draw_strip(recording, count, out, first_person=first_person, progress=advance)
+        times_s = write_strip(recording, count, out, first_person=first_person, progress=advance)
     print_line(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
 
 
@@ -240,10 +240,10 @@ def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
 
 
 def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
-    from avrgym.replay.page import ReplayedTrial, check_page_to_write, write_page
+    from avrgym.replay.page import ReplayedTrial, check_new_page, write_page
     from avrgym.replay.timeline import timeline_of
 
-    check_page_to_write(html)
+    check_new_page(html)
     trials: list[ReplayedTrial] = []
     for file, recording in recordings:
         with _with_file_name(file), _progress(recording, "recomputing") as advance:

@@ -134,8 +134,8 @@ def serve(
 
     from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, change_furniture
     from avrgym.system.files import user_data_folder
-    from avrgym.vr.lab_streaming.choice import stream_choice
-    from avrgym.vr.server.certificate import certificate_for, lan_names
+    from avrgym.vr.lab_streaming.choice import parse_stream_options
+    from avrgym.vr.server.certificate import lan_names, load_or_create_certificate
     from avrgym.vr.server.live_server import LiveServer
 
     with report_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
@@ -149,15 +149,15 @@ def serve(
             mattress_height_m=mattress_height,
             mattress_back_deg=mattress_back,
         )
-        choice = stream_choice(send_streams, receive or [])
-        certificate = certificate_for(lan_names(), user_data_folder()) if lan else None
+        choice = parse_stream_options(send_streams, receive or [])
+        certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
                 raise ValueError(
                     f"options cannot set a study's force guard; set force_guard in {study / 'study.toml'}"
                 )
-            if choice != stream_choice(False, []):
+            if choice != parse_stream_options(False, []):
                 raise ValueError(
                     f"options cannot set a study's streams; set [streams] in {study / 'study.toml'}"
                 )
@@ -312,11 +312,11 @@ def _free_session(
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
     from avrgym.tasks.settings import parse_settings
     from avrgym.texts.interface_texts import read_texts
-    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
+    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, trials_with_practice
     from avrgym.vr.session.session import Session
 
     texts = read_texts(language)
-    planned = practised_trials(environments, policy, trials, seed)
+    planned = trials_with_practice(environments, policy, trials, seed)
     plan = SessionPlan(
         planned,
         person,

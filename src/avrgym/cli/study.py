@@ -36,8 +36,8 @@ from avrgym.cli.terminal import (
     write_json,
 )
 from avrgym.commands.input_names import INPUT_METHODS
+from avrgym.commands.respondents import CONSENT_ROLES
 from avrgym.models.body_names import SEXES
-from avrgym.recording.respondents import CONSENT_ROLES
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary
@@ -146,7 +146,7 @@ def enrol(
 
     Each person takes part once. The command therefore rejects a name or contact that another participant has.
     """
-    from avrgym.study.people.input_profiles import checked_profile
+    from avrgym.study.people.input_profiles import parse_profile
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
@@ -166,7 +166,7 @@ def enrol(
             contact=contact,
             site=site,
             confirm_duplicate=confirm_duplicate,
-            input_profile=checked_profile({"method": method}) if method else None,
+            input_profile=parse_profile({"method": method}) if method else None,
         )
         log(store, "enrol", pseudonym)
     print_line(f"enrolled  {pseudonym}")
@@ -432,7 +432,7 @@ def export(
     Movements of head and hands may still identify a person.
     """
     from avrgym.study.export import export_study
-    from avrgym.study.export.records import Extras
+    from avrgym.study.export.records import ExportOptions
     from avrgym.study.storage.store import Store
 
     left_out: list[str] = []
@@ -446,7 +446,7 @@ def export(
             data_format,
             out,
             skip_damaged=skip_damaged,
-            extras=Extras(free_text, health),
+            extras=ExportOptions(free_text, health),
             cameras=camera or (),
             progress=bar.show,
             report=left_out.append,

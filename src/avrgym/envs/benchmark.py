@@ -130,7 +130,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     """Run ``steps`` control steps of all worlds with all computations, then with physics alone. Returns the
     durations."""
     engine = episodes.simulation.engine
-    drawn = random_streams.benchmark_actions(seed).uniform(
+    drawn = random_streams.benchmark_action_generator(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
     actions = to_device_of(drawn, episodes.simulation.example_array)
@@ -155,7 +155,9 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
 
 def _reset(episodes: Episodes, seed: int) -> None:
     worlds = np.arange(episodes.simulation.num_worlds)
-    episodes.reset(worlds, [random_streams.benchmark_episode(seed, world) for world in worlds.tolist()])
+    episodes.reset(
+        worlds, [random_streams.benchmark_episode_generator(seed, world) for world in worlds.tolist()]
+    )
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:

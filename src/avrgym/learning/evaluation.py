@@ -16,7 +16,7 @@ from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionS
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.system.random_streams import TEST, Split, evaluation_episodes
+from avrgym.system.random_streams import TEST, Split, evaluation_generators
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
@@ -277,7 +277,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         force_guard=batch.force_guard,
         settings=batch.settings,
     )
-    generators = evaluation_episodes(batch.split, batch.seed, batch.episodes)
+    generators = evaluation_generators(batch.split, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
 
 

@@ -198,7 +198,7 @@ class FeedforwardRecipe:
     def _imitate(self) -> Update:
         configuration = self._configuration
         number = self.steps // configuration.update_steps
-        random = random_streams.imitation(configuration.seed, number)
+        random = random_streams.imitation_generator(configuration.seed, number)
         expert_drives = random.random(configuration.num_envs) < IMITATION.expert_share**number
         rollouts = self._roll_out(self._own_policies(), expert_drives=expert_drives)
         for agent, each in zip(self._agents, rollouts, strict=True):

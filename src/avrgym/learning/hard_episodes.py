@@ -32,7 +32,7 @@ class HardEpisodes:
     def choose(self, steps: int) -> list[int]:
         """Choose the next episodes after ``steps`` environment steps. Returns their seeds (N,), always the same for the
         same state."""
-        random = random_streams.hard_episodes(self._seed, steps)
+        random = random_streams.hard_episode_generator(self._seed, steps)
         old = random.permutation(self.stored)[: self._max_repeated].tolist()
         new = random.integers(2**53, size=self._worlds - len(old)).tolist()
         self._chosen, self.repeated = [int(seed) for seed in old] + new, len(old)

@@ -164,7 +164,7 @@ class RecurrentRecipe:
 
     def _imitate(self, number: int) -> Update:
         configuration = self._configuration
-        random = random_streams.imitation(configuration.seed, number)
+        random = random_streams.imitation_generator(configuration.seed, number)
         expert_drives = random.random(configuration.num_envs) < RECURRENT.expert_share**number
         turn, still = divmod(number, 2)
         impairment = REFERENCE_IMPAIRMENTS[turn % len(REFERENCE_IMPAIRMENTS)]
@@ -217,7 +217,7 @@ class RecurrentRecipe:
             torch.as_tensor(rollout.actions),
             torch.as_tensor(self._normaliser.normalize_rewards(rollout)),
             action_std,
-            random_streams.imitation(configuration.seed, number),
+            random_streams.imitation_generator(configuration.seed, number),
             self._learning_rate(number, progress),
         )
         return _results("PPO", rollout, slice(None))
@@ -244,7 +244,7 @@ class RecurrentRecipe:
         )
 
     def _episode_seeds(self, number: int) -> NDArray[np.int64]:
-        random = random_streams.episode_seeds(self._configuration.seed, number)
+        random = random_streams.episode_seed_generator(self._configuration.seed, number)
         return random.integers(2**31, size=self._configuration.num_envs)
 
     def _policy(self, action_std: float) -> Policy:

@@ -146,12 +146,12 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0
     worlds = cached_worlds(request.settings, count, human_actions=len(policies) > 1, by_region=by_region)
-    generators = [random_streams.training_episode(int(seed)) for seed in request.episode_seeds]
+    generators = [random_streams.training_episode_generator(int(seed)) for seed in request.episode_seeds]
     first = worlds.reset(np.arange(count), generators)
     xp: Any = namespace(first)
-    robot = _Agent(policies[0], random_streams.robot_noise, request, first)
+    robot = _Agent(policies[0], random_streams.robot_noise_generator, request, first)
     humans = [
-        _Agent(policy, random_streams.human_noise, request, worlds.human_observation())
+        _Agent(policy, random_streams.human_noise_generator, request, worlds.human_observation())
         for policy in policies[1:]
     ]
     expert = None if request.expert_drives is None else _expert_for(policies[0], request, worlds)

@@ -72,7 +72,7 @@ class DevicePPO:
         with torch.no_grad():
             self._store(observations[:-1], actions, rewards)
             algorithm.compute_returns(self._named(observations[-1]))
-        torch.manual_seed(random_streams.device_minibatches(self._configuration.seed, steps_of(model)))
+        torch.manual_seed(random_streams.device_minibatch_seed(self._configuration.seed, steps_of(model)))
         losses = [algorithm.update() for _ in range(model.n_epochs)]
         model._n_updates += model.n_epochs  # pyright: ignore[reportPrivateUsage]
         for ours, theirs in {"policy_gradient_loss": "surrogate", "value_loss": "value"}.items():

@@ -106,7 +106,7 @@ class VisualRecipe:
 
     def update(self) -> Update:
         number, configuration = self._rounds, self._configuration
-        random = random_streams.imitation(configuration.seed, number)
+        random = random_streams.imitation_generator(configuration.seed, number)
         teacher_drives = random.random(configuration.num_envs) < VISUAL.expert_share**number
         returns, success = self._roll_out(number, random, teacher_drives)
         self._fit(random, last=number == configuration.updates - 1)
@@ -135,9 +135,11 @@ class VisualRecipe:
         """Run the first steps of an episode in each world, and store the demonstrations. Returns the sum of rewards and
         the success of each world, (N,)."""
         worlds, count = self._episodes(), self._configuration.num_envs
-        seeds = random_streams.episode_seeds(self._configuration.seed, number).integers(2**31, size=count)
+        seeds = random_streams.episode_seed_generator(self._configuration.seed, number).integers(
+            2**31, size=count
+        )
         observation = worlds.reset(
-            np.arange(count), [random_streams.training_episode(int(seed)) for seed in seeds]
+            np.arange(count), [random_streams.training_episode_generator(int(seed)) for seed in seeds]
         )
         observations: list[FloatArray] = []
         actions: list[FloatArray] = []

@@ -52,7 +52,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in arm.joints]
     ranges = np.array([model.joint(name).range for name in arm.joints])
-    poses = random_streams.sampled_arm_poses().uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, len(places)))
+    poses = random_streams.arm_pose_generator().uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, len(places)))
     at_seed, *touching = (_touching(model, data, places, pose) for pose in (arm.seed_pose, *poses))
     pairs, counts = np.unique(
         [sorted(pair) for each in touching for pair in each], axis=0, return_counts=True

@@ -120,14 +120,14 @@ class TrainedHumans:
         """Prepare N ``worlds``. All worlds use the first policy until ``reset``."""
         self._trained = trained
         self._human = np.zeros(worlds, dtype=np.intp)
-        self._noise = [random_streams.trained_human_noise(0.0)] * worlds
+        self._noise = [random_streams.trained_human_noise_generator(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
         """Start episodes in worlds ``ids`` (n,) with the policies of index ``humans`` (n,). ``uniforms`` (n,) seed the
         action noise."""
         self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
-            self._noise[world] = random_streams.trained_human_noise(uniform)
+            self._noise[world] = random_streams.trained_human_noise_generator(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
         """Returns actions (N, K) for observations (N, O)."""
@@ -147,6 +147,6 @@ class TrainedHumans:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Restore a state from ``snapshot``."""
         self._human = snapshot["human"].copy()
-        self._noise = [random_streams.trained_human_noise(0.0) for _ in snapshot["noise"]]
+        self._noise = [random_streams.trained_human_noise_generator(0.0) for _ in snapshot["noise"]]
         for generator, state in zip(self._noise, snapshot["noise"], strict=True):
             generator.bit_generator.state = state

@@ -1,12 +1,14 @@
 """Cybersickness in Virtual Reality Questionnaire (CSQ-VR): six symptoms on seven-point scales."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-FEELINGS = ("absent", "very mild", "mild", "moderate", "intense", "very intense", "extreme")
+INTENSITIES = ("absent", "very mild", "mild", "moderate", "intense", "very intense", "extreme")
 
 
 def _feeling(name: str, text: str) -> InstrumentItem:
-    return InstrumentItem(f"csq_{name}", f"Do you experience {text}?", FEELINGS[0], FEELINGS[-1], FEELINGS)
+    return InstrumentItem(
+        f"csq_{name}", f"Do you experience {text}?", INTENSITIES[0], INTENSITIES[-1], INTENSITIES
+    )
 
 
 _CSQ_ITEMS = (
@@ -26,7 +28,7 @@ CSQ_VR = Instrument(
         "(CSQ-VR), doi:10.3390/virtualworlds2010002"
     ),
     licence="CC BY 4.0, as its article",
-    response=Response(points=7, lowest=1),
+    response=ResponseScale(points=7, lowest=1),
     items=_CSQ_ITEMS,
     scales=(
         Scale("nausea", ("csq_nausea", "csq_dizziness"), "sum"),

@@ -1,8 +1,8 @@
 """Godspeed questionnaire series: people rate a robot between opposite adjectives, on five scales."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-OPPOSITES = {
+WORD_PAIRS = {
     "anthropomorphism": (
         ("fake", "natural"), ("machinelike", "humanlike"), ("unconscious", "conscious"), ("artificial", "lifelike"),
         ("moving rigidly", "moving elegantly"),
@@ -41,10 +41,10 @@ GODSPEED = Instrument(
         "likeability, perceived intelligence, and perceived safety of robots, doi:10.1007/s12369-008-0001-3"
     ),
     licence="pairs of adjectives, which have no copyright; AVR Gym wrote the questions",
-    response=Response(points=5, lowest=1),
-    items=tuple(_between(scale, *pair) for scale, pairs in OPPOSITES.items() for pair in pairs),
+    response=ResponseScale(points=5, lowest=1),
+    items=tuple(_between(scale, *pair) for scale, pairs in WORD_PAIRS.items() for pair in pairs),
     scales=tuple(
         Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
-        for scale, pairs in OPPOSITES.items()
+        for scale, pairs in WORD_PAIRS.items()
     ),
 )

@@ -11,7 +11,7 @@ SCORE_DECIMALS = 9
 """Number of decimals of scores. Scores that differ only by rounding errors become equal."""
 
 
-class Response(NamedTuple):
+class ResponseScale(NamedTuple):
     """Response scale of an item. Its ``points`` options have the values ``lowest``, ``lowest + step``, and so on."""
 
     points: int
@@ -94,7 +94,7 @@ class Instrument(NamedTuple):
     title: str
     source: str
     licence: str
-    response: Response
+    response: ResponseScale
     items: tuple[InstrumentItem, ...]
     scales: tuple[Scale, ...]
     missing: Literal["no score", "centre"] = "no score"

@@ -1,10 +1,10 @@
 """igroup Presence Questionnaire (IPQ): sense of presence in a virtual environment."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-SPATIAL = tuple(f"ipq_sp{number}" for number in range(1, 6))
-INVOLVEMENT = tuple(f"ipq_inv{number}" for number in range(1, 5))
-REALISM = tuple(f"ipq_real{number}" for number in range(1, 5))
+SPATIAL_PRESENCE_ITEMS = tuple(f"ipq_sp{number}" for number in range(1, 6))
+INVOLVEMENT_ITEMS = tuple(f"ipq_inv{number}" for number in range(1, 5))
+REALISM_ITEMS = tuple(f"ipq_real{number}" for number in range(1, 5))
 REVERSED_ITEMS = ("ipq_sp2", "ipq_inv3", "ipq_real1")
 
 IPQ = Instrument(
@@ -16,12 +16,15 @@ IPQ = Instrument(
     ),
     licence="the source states none; AVR Gym does not include the item texts",
     texts="https://www.igroup.org/pq/ipq/",
-    response=Response(points=7, lowest=0),
-    items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),
+    response=ResponseScale(points=7, lowest=0),
+    items=tuple(
+        InstrumentItem(item)
+        for item in ("ipq_g1", *SPATIAL_PRESENCE_ITEMS, *INVOLVEMENT_ITEMS, *REALISM_ITEMS)
+    ),
     scales=(
         Scale("general", ("ipq_g1",)),
-        Scale("spatial", SPATIAL, reversed=REVERSED_ITEMS),
-        Scale("involvement", INVOLVEMENT, reversed=REVERSED_ITEMS),
-        Scale("realism", REALISM, reversed=REVERSED_ITEMS),
+        Scale("spatial", SPATIAL_PRESENCE_ITEMS, reversed=REVERSED_ITEMS),
+        Scale("involvement", INVOLVEMENT_ITEMS, reversed=REVERSED_ITEMS),
+        Scale("realism", REALISM_ITEMS, reversed=REVERSED_ITEMS),
     ),
 )

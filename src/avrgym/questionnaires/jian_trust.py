@@ -1,6 +1,6 @@
 """Checklist for trust between people and automation (Jian, Bisantz and Drury): twelve statements."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
 _TRUST_ITEMS = tuple(f"trust_{number}" for number in range(1, 13))
 
@@ -13,7 +13,7 @@ JIAN_TRUST = Instrument(
     ),
     licence="the publisher's; AVR Gym does not include the statements",
     texts="the article, which numbers its twelve statements in this order",
-    response=Response(points=7, lowest=1),
+    response=ResponseScale(points=7, lowest=1),
     items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
     scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),
 )

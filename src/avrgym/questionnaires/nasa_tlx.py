@@ -3,7 +3,7 @@
 from itertools import combinations
 from types import MappingProxyType
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale, Weighting
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale, Weighting
 
 SOURCE = (
     "Hart and Staveland (1988), Development of NASA-TLX (Task Load Index), doi:10.1016/S0166-4115(08)62386-9; "
@@ -11,7 +11,7 @@ SOURCE = (
     "Hart (2006), NASA-TLX; 20 years later, doi:10.1177/154193120605000909, for the raw score"
 )
 LICENCE = "a work of the United States government, in the public domain"
-STEPS = tuple(str(value) for value in range(0, 101, 5))
+RATING_LABELS = tuple(str(value) for value in range(0, 101, 5))
 FACTORS = {
     "mental": "Mental demand",
     "physical": "Physical demand",
@@ -20,11 +20,11 @@ FACTORS = {
     "effort": "Effort",
     "frustration": "Frustration",
 }
-PAIRS = tuple(combinations(FACTORS, 2))
+FACTOR_PAIRS = tuple(combinations(FACTORS, 2))
 
 
 def _rating(factor: str, text: str, low: str = "very low", high: str = "very high") -> InstrumentItem:
-    return InstrumentItem(f"tlx_{factor}", text, low, high, STEPS)
+    return InstrumentItem(f"tlx_{factor}", text, low, high, RATING_LABELS)
 
 
 def _pair(first: str, second: str) -> InstrumentItem:
@@ -42,7 +42,7 @@ def _weight(factor: str) -> Scale:
 
     Pairs in which the factor is first are reversed items.
     """
-    own = [pair for pair in PAIRS if factor in pair]
+    own = [pair for pair in FACTOR_PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
     return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed=tuple(as_first))
 
@@ -52,7 +52,7 @@ NASA_TLX = Instrument(
     title="NASA Task Load Index",
     source=SOURCE,
     licence=LICENCE,
-    response=Response(points=21, lowest=0, step=5),
+    response=ResponseScale(points=21, lowest=0, step=5),
     items=(
         _rating("mental", "How mentally demanding was the task?"),
         _rating("physical", "How physically demanding was the task?"),
@@ -84,7 +84,7 @@ NASA_TLX_WEIGHTS = Instrument(
     title="NASA Task Load Index, sources of workload",
     source=SOURCE,
     licence=LICENCE,
-    response=Response(points=2, lowest=0),
-    items=tuple(_pair(*pair) for pair in PAIRS),
+    response=ResponseScale(points=2, lowest=0),
+    items=tuple(_pair(*pair) for pair in FACTOR_PAIRS),
     scales=tuple(_weight(factor) for factor in FACTORS),
 )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from avrgym.questionnaires.instrument import Instrument, Response
+from avrgym.questionnaires.instrument import Instrument, ResponseScale
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.system import random_streams
 from avrgym.texts.interface_texts import Texts
@@ -69,7 +69,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The moments at which the items are shown."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
-    def scale_of(self, item: Item) -> Response:
+    def scale_of(self, item: Item) -> ResponseScale:
         """Returns the response scale of an item.
 
         Items of a validated questionnaire have its scale. Items with integer labels have these labels as values. All
@@ -78,7 +78,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if self.instrument is not None:
             return self.instrument.response
-        return _numbered(item.labels) or Response(item.points, lowest=1)
+        return _numbered(item.labels) or ResponseScale(item.points, lowest=1)
 
     def describe_scale(self, item: Item) -> str:
         """Returns the response scale of an item as text, with its labels."""
@@ -91,14 +91,14 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return f"from {scale.lowest} ({item.low}) to {scale.highest} ({item.high}){steps}"
 
 
-def _numbered(labels: Sequence[str]) -> Response | None:
+def _numbered(labels: Sequence[str]) -> ResponseScale | None:
     """Returns the response scale if labels are equally spaced, increasing integers; otherwise ``None``."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
         return None
     steps = {after - before for before, after in pairwise(values)}
-    return Response(len(values), values[0], *steps) if len(steps) == 1 and min(steps) > 0 else None
+    return ResponseScale(len(values), values[0], *steps) if len(steps) == 1 and min(steps) > 0 else None
 
 
 def _likert(id: str, text: str) -> Item:
@@ -115,7 +115,7 @@ LIKERT_ITEMS = (
 
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
     """Returns the items that are shown at the moment ``when``, in order. The same seed results in the same order."""
-    rng = random_streams.item_order(seed)
+    rng = random_streams.item_order_generator(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:
         if when in questionnaire.moments:

@@ -1,6 +1,6 @@
 """Robotic Social Attributes Scale (RoSAS): perceived warmth, competence and discomfort."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
 ATTRIBUTES = {
     "warmth": ("happy", "feeling", "social", "organic", "compassionate", "emotional"),
@@ -16,7 +16,7 @@ ROSAS = Instrument(
         "doi:10.1145/2909824.3020208"
     ),
     licence="single adjectives, which have no copyright; AVR Gym wrote the question",
-    response=Response(points=9, lowest=1),
+    response=ResponseScale(points=9, lowest=1),
     items=tuple(
         InstrumentItem(
             f"rosas_{word}",

@@ -1,6 +1,6 @@
 """Simulator Sickness Questionnaire (SSQ): 16 symptoms with four severities."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
 SEVERITIES = ("none", "slight", "moderate", "severe")
 
@@ -28,15 +28,15 @@ def _symptoms(*names: str) -> tuple[str, ...]:
     return tuple(f"ssq_{name}" for name in names)
 
 
-NAUSEA = _symptoms(
+NAUSEA_ITEMS = _symptoms(
     "general_discomfort", "increased_salivation", "sweating", "nausea", "difficulty_concentrating",
     "stomach_awareness", "burping",
 )  # fmt: skip
-OCULOMOTOR = _symptoms(
+OCULOMOTOR_ITEMS = _symptoms(
     "general_discomfort", "fatigue", "headache", "eyestrain", "difficulty_focusing", "difficulty_concentrating",
     "blurred_vision",
 )  # fmt: skip
-DISORIENTATION = _symptoms(
+DISORIENTATION_ITEMS = _symptoms(
     "difficulty_focusing", "nausea", "fullness_of_head", "blurred_vision", "dizzy_eyes_open", "dizzy_eyes_closed",
     "vertigo",
 )  # fmt: skip
@@ -49,15 +49,15 @@ SSQ = Instrument(
         "doi:10.1207/s15327108ijap0303_3"
     ),
     licence="names of symptoms and of their severity, which have no copyright",
-    response=Response(points=4, lowest=0),
+    response=ResponseScale(points=4, lowest=0),
     items=tuple(
         InstrumentItem(f"ssq_{name}", text, SEVERITIES[0], SEVERITIES[-1], SEVERITIES)
         for name, text in SYMPTOMS.items()
     ),
     scales=(
-        Scale("nausea", NAUSEA, "sum", 9.54),
-        Scale("oculomotor", OCULOMOTOR, "sum", 7.58),
-        Scale("disorientation", DISORIENTATION, "sum", 13.92),
-        Scale("total", NAUSEA + OCULOMOTOR + DISORIENTATION, "sum", 3.74),
+        Scale("nausea", NAUSEA_ITEMS, "sum", 9.54),
+        Scale("oculomotor", OCULOMOTOR_ITEMS, "sum", 7.58),
+        Scale("disorientation", DISORIENTATION_ITEMS, "sum", 13.92),
+        Scale("total", NAUSEA_ITEMS + OCULOMOTOR_ITEMS + DISORIENTATION_ITEMS, "sum", 3.74),
     ),
 )

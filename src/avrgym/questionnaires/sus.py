@@ -1,6 +1,6 @@
 """System Usability Scale (SUS): ten statements about a system, one score from 0 to 100."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
 _STATEMENTS = (
     "I think that I would like to use this system frequently.",
@@ -21,7 +21,7 @@ SUS = Instrument(
     title="System Usability Scale",
     source="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
     licence="free to use where reports acknowledge the source (Brooke 1996)",
-    response=Response(points=5, lowest=1),
+    response=ResponseScale(points=5, lowest=1),
     items=tuple(
         InstrumentItem(item, text, "strongly disagree", "strongly agree")
         for item, text in zip(_SUS_ITEMS, _STATEMENTS, strict=True)

@@ -8,7 +8,7 @@ import msgspec
 
 from avrgym.recording.schema import Answer
 
-SUFFIX = ".answers.jsonl"
+ANSWERS_SUFFIX = ".answers.jsonl"
 
 
 class StoredAnswer(msgspec.Struct, frozen=True):
@@ -22,7 +22,7 @@ class StoredAnswer(msgspec.Struct, frozen=True):
 
 def answers_path(recording: str | os.PathLike[str]) -> Path:
     """Returns the path of a recording's answers file. The file exists only if there were later answers."""
-    return Path(recording).with_suffix(SUFFIX)
+    return Path(recording).with_suffix(ANSWERS_SUFFIX)
 
 
 def append_answer(recording: Path, answer: Answer) -> None:

@@ -164,7 +164,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
         return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
 
 
-def from_metadata(values: Mapping[str, Any]) -> Configuration:
+def configuration_from_metadata(values: Mapping[str, Any]) -> Configuration:
     """Returns the configuration in a metadata record.
 
     Raises:

@@ -38,7 +38,7 @@ POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "experimenter": ("gaze", "experimenter"),
 }
 """The ways to stop that each method allows. The default is the first one; with ``experimenter``, all."""
-RANGES: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
+DURATION_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
 """Allowed durations in seconds."""
 MAX_KEY_LENGTH = 32
 
@@ -79,7 +79,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     )
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
+        for name, (low, high) in DURATION_RANGES_S.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InputProfileError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")

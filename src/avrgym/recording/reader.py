@@ -13,7 +13,7 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from avrgym.recording import answers_file
-from avrgym.recording.configuration import Configuration, from_metadata
+from avrgym.recording.configuration import Configuration, configuration_from_metadata
 from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
 CONFIGURATION, ORIGIN = "configuration", "origin"
@@ -83,7 +83,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     Raises:
         RecordingError: if the file has no valid header.
     """
-    records, whole, _ = intact_records(path)
+    records, whole, _ = read_intact_records(path)
     header = _header(path, records)
     messages, gapless = _messages(path, records)
     ends_ns = max((time_ns for _, time_ns, _ in messages), default=0)
@@ -120,13 +120,13 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
         if CONFIGURATION in metadata and ORIGIN in metadata:
             try:
                 began_at = datetime.fromisoformat(metadata[ORIGIN]["began_at"])
-                return Header(from_metadata(metadata[CONFIGURATION]), began_at)
+                return Header(configuration_from_metadata(metadata[CONFIGURATION]), began_at)
             except (KeyError, TypeError, ValueError) as error:
                 raise RecordingError(f"{path}: its configuration is not valid: {error}") from error
     raise RecordingError(f"{path}: {_NO_RECORDING}")
 
 
-def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
+def read_intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
     """Returns the records before the first damage, whether the file is undamaged, and the offset after the last intact
     data record.
 

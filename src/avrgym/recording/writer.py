@@ -23,15 +23,15 @@ from avrgym.recording.reader import (
     OUTCOME,
     ROBOT_FINISHED,
     RecordingError,
-    intact_records,
+    read_intact_records,
     read_recording,
 )
 from avrgym.recording.schema import TOPICS, Outcome, Record, encode, json_schema
 from avrgym.system.files import private_opener
 
 FLUSH_INTERVAL_S = 0.1
-STALL_S = 0.75
-CAPACITY_MESSAGES = 4000
+STALL_TIMEOUT_S = 0.75
+MAX_QUEUED_MESSAGES = 4000
 SHORT_QUEUE_MESSAGES = 100
 CLOSE_TIMEOUT_S = 10.0
 
@@ -63,7 +63,7 @@ class RecordingWriter:
     def error(self) -> Exception | None:
         """The error that prevents a complete recording, or ``None``. Only a ``TimeoutError`` is temporary."""
         silent_s = time.monotonic() - self._alive_at
-        if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
+        if self._failure is None and self._thread.is_alive() and silent_s > STALL_TIMEOUT_S:
             return TimeoutError(f"{self.path}: the disk has accepted no data for {silent_s:.1f} s")
         return self._failure
 
@@ -77,7 +77,7 @@ class RecordingWriter:
             raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
         if self._disk.closed:
             raise RecordingError(f"{self.path} is closed; a record of {topic} cannot be written")
-        if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
+        if self._failure is None and self._queue.qsize() >= MAX_QUEUED_MESSAGES:
             self._failure = RecordingError(f"{self.path}: a record was lost: the disk is too slow")
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
@@ -85,7 +85,7 @@ class RecordingWriter:
     def robot_finished(self, outcome: Outcome) -> None:
         """Queue the outcome at the end of the last control step, without waiting.
 
-        If the process is killed later, ``end_cut_recording`` completes the file with this outcome.
+        If the process is killed later, ``complete_truncated_recording`` completes the file with this outcome.
         """
         self._queue.put(outcome)
 
@@ -217,7 +217,7 @@ class _Disk:
         self._file.close()
 
 
-def end_cut_recording(path: str | os.PathLike[str]) -> None:
+def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
     """Complete a recording that was truncated after the robot finished. Other recordings are not changed.
 
     Unreadable data at the end are replaced. No writer of this file may be open.
@@ -232,7 +232,7 @@ def end_cut_recording(path: str | os.PathLike[str]) -> None:
     mcap_records.DataEnd(0).write(end)
     mcap_records.Footer(0, 0, 0).write(end)
     with open(path, "r+b") as file:
-        file.truncate(intact_records(path)[2])
+        file.truncate(read_intact_records(path)[2])
         file.seek(0, os.SEEK_END)
         file.write(end.end() + MCAP0_MAGIC)
         file.flush()

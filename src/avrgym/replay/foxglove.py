@@ -185,7 +185,7 @@ def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str
     """
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINT_COUNT / sum(area.sum() for own in areas.values() for area in own)
-    generator = random_streams.surface_points()
+    generator = random_streams.surface_point_generator()
     for body, own in surfaces.items():
         drawn = [
             _points(surface, area, int(np.ceil(density * area.sum())), generator)

@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
-from avrgym.replay.timeline import Timeline, align_starts, render_recorded
+from avrgym.replay.timeline import Timeline, align_starts, export_recorded_scene
 from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.vr.live_world.scene_message import scene_url
-from avrgym.vr.server.web_server import STATIC, check_page
+from avrgym.vr.server.web_server import STATIC_FOLDER, check_page
 
 TEMPLATE = "trial.html"
 DATA_TAG = b'<script id="recorded" type="application/json">'
@@ -28,7 +28,7 @@ class PackedTrial(msgspec.Struct, frozen=True):
     poses: str
 
 
-class Packed(msgspec.Struct, frozen=True):
+class PageData(msgspec.Struct, frozen=True):
     """Data of the page: packed poses, and GLB files by URL, both deflated and base64-encoded.
 
     ``step`` is the resolution of the packed poses.
@@ -47,7 +47,7 @@ class ReplayedTrial(NamedTuple):
     poses: bytes
 
 
-def check_page_to_write(out: Path) -> None:
+def check_new_page(out: Path) -> None:
     """Check that the page can be written.
 
     Raises:
@@ -64,20 +64,20 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
 
     Of two trials, one is delayed until both robots start at the same time.
 
-    Raises the same errors as ``check_page_to_write``.
+    Raises the same errors as ``check_new_page``.
     """
-    check_page_to_write(out)
-    before, place, after = (STATIC / TEMPLATE).read_bytes().partition(DATA_TAG)
+    check_new_page(out)
+    before, place, after = (STATIC_FOLDER / TEMPLATE).read_bytes().partition(DATA_TAG)
     page = before + place + _within_script(_packed(trials)) + after
     check_new_file(out, (".html",))
     write_atomically(out, page, PRIVATE_FILE)
 
 
-def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
+def _packed(trials: Sequence[ReplayedTrial]) -> PageData:
     recordings = [trial.recording for trial in trials]
     timelines = align_starts([trial.timeline for trial in trials])
     scenes = [_scene_number(recording, recordings) for recording in recordings]
-    return Packed(
+    return PageData(
         step=POSE_RESOLUTION,
         trials=[
             PackedTrial(
@@ -86,7 +86,9 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
             )
             for trial, timeline, scene in zip(trials, timelines, scenes, strict=True)
         ],
-        scenes={scene_url(scene): _deflated(render_recorded(recordings[scene])) for scene in set(scenes)},
+        scenes={
+            scene_url(scene): _deflated(export_recorded_scene(recordings[scene])) for scene in set(scenes)
+        },
     )
 
 
@@ -100,6 +102,6 @@ def _deflated(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 9)).decode()
 
 
-def _within_script(packed: Packed) -> bytes:
+def _within_script(packed: PageData) -> bytes:
     """Returns the data as JSON that is safe in an HTML script element."""
     return msgspec.json.encode(packed).replace(b"<", b"\\u003c")

@@ -25,13 +25,13 @@ Progress = Callable[[], None]
 VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
 FRAMES_PER_S = 25
 GIF_FRAMES_PER_S = 10
-CAPTION_PX = 40
+CAPTION_HEIGHT_PX = 40
 TEXT_COLOUR, PAPER_COLOUR = (20, 50, 58), (255, 255, 255)
 PICTURE_SUFFIXES = (".png", ".jpg")
 
 
 @dataclass(frozen=True)
-class Moment:
+class DisplayedState:
     """State of a trial at one time: phase, accumulated reward, and results of the latest control step."""
 
     time_s: float
@@ -90,7 +90,7 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
     write_atomically(out, file.getvalue())
 
 
-def draw_strip(
+def write_strip(
     recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
 ) -> list[float]:
     """Write one image: pictures of the robot's motion at evenly spaced times, next to each other.
@@ -108,9 +108,9 @@ def draw_strip(
         for moment, picture in _pictures(recording, times_s, FRAMES_PX, first_person, progress)
     ]
     strip = Image.fromarray(np.concatenate(drawn, axis=1))
-    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER_COLOUR)
-    sheet.paste(strip, (0, CAPTION_PX))
-    _write(sheet, (10, CAPTION_PX // 2), title(recording), "lm")
+    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_HEIGHT_PX), PAPER_COLOUR)
+    sheet.paste(strip, (0, CAPTION_HEIGHT_PX))
+    _write(sheet, (10, CAPTION_HEIGHT_PX // 2), title(recording), "lm")
     check_new_file(out, PICTURE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
@@ -134,7 +134,7 @@ def _pictures(
     size_px: tuple[int, int],
     first_person: bool,
     progress: Progress,
-) -> Iterator[tuple[Moment, Picture]]:
+) -> Iterator[tuple[DisplayedState, Picture]]:
     """Yield a moment and a picture for each of these times: the first state at or after the time."""
     playback = Playback(recording)
     width_px, height_px = size_px
@@ -154,12 +154,12 @@ def _pictures(
         camera.close()
 
 
-def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
+def _moments(playback: Playback, progress: Progress) -> Iterator[DisplayedState]:
     """Yield the moment of each recorded state, while the playback's world is in this state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
-            yield Moment(compared.time_s, playback.phase, reward, force_n, success)
+            yield DisplayedState(compared.time_s, playback.phase, reward, force_n, success)
             progress()
         else:
             reward += compared.recorded.reward
@@ -168,19 +168,19 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
 
 def _titled(picture: Picture, text: str) -> Picture:
     """Returns the picture with a caption below it."""
-    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER_COLOUR)
+    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_HEIGHT_PX), PAPER_COLOUR)
     sheet.paste(Image.fromarray(picture), (0, 0))
-    _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
+    _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_HEIGHT_PX // 2), text, "mm")
     return np.asarray(sheet)
 
 
-def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> Picture:
+def _subtitled(picture: Picture, text: str, moment: DisplayedState, begins_s: float) -> Picture:
     """Returns the picture with the trial's title and state at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
-    band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER_COLOUR)
-    sheet.paste(band, (0, height - CAPTION_PX))
-    middle = height - CAPTION_PX // 2
+    band = Image.new("RGB", (sheet.width, CAPTION_HEIGHT_PX), PAPER_COLOUR)
+    sheet.paste(band, (0, height - CAPTION_HEIGHT_PX))
+    middle = height - CAPTION_HEIGHT_PX // 2
     _write(sheet, (16, middle), text, "lm")
     state = f"reward {moment.reward:.1f}   force {moment.force_on_person_n:.1f} N"
     success = "success   " if moment.success else ""

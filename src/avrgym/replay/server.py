@@ -9,11 +9,11 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.recording.reader import Recording
-from avrgym.replay.timeline import Timeline, render_recorded
+from avrgym.replay.timeline import Timeline, export_recorded_scene
 from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.authentication import SameOriginOnly, Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
-from avrgym.vr.server.web_server import STATIC, WebServer, check_page, listen
+from avrgym.vr.server.web_server import STATIC_FOLDER, WebServer, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
@@ -21,7 +21,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
-    rendered = cache(lambda: render_recorded(recording))
+    rendered = cache(lambda: export_recorded_scene(recording))
 
     def check(request: Request) -> None:
         if tokens.bearer(request.headers) is None:
@@ -44,9 +44,9 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
 
     @app.get("/replay")
     async def page() -> FileResponse:
-        return FileResponse(STATIC / "replay.html")
+        return FileResponse(STATIC_FOLDER / "replay.html")
 
-    app.mount("/", StaticFiles(directory=STATIC))
+    app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
 
 

@@ -17,7 +17,7 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting_person
 
-FRAME_EVERY_STATES = 2
+STATES_PER_FRAME = 2
 """Every second state becomes a frame: 50 frames per second. The page interpolates between frames."""
 
 
@@ -29,7 +29,7 @@ class TimelineEvent(msgspec.Struct, frozen=True):
     text: str
 
 
-class Steps(msgspec.Struct, frozen=True):
+class StepSeries(msgspec.Struct, frozen=True):
     """Lists with one entry for each control step: end time, accumulated reward, and results."""
 
     time_s: list[float]
@@ -55,7 +55,7 @@ class Timeline(msgspec.Struct, frozen=True):
     facts: dict[str, str]
     scene: messages.Scene
     frames_s: list[float]
-    steps: Steps
+    steps: StepSeries
     events: list[TimelineEvent]
 
 
@@ -108,7 +108,7 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
     )
 
 
-def render_recorded(recording: Recording) -> bytes:
+def export_recorded_scene(recording: Recording) -> bytes:
     """Returns the scene of a recording as a GLB file."""
     return export_scene(*recorded_scene(recording))
 
@@ -145,16 +145,16 @@ def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[floa
     frames: list[bytes] = []
     states = (each for each in playback.run(follow=True) if isinstance(each, ComparedState))
     for number, state in enumerate(states):
-        if number % FRAME_EVERY_STATES == 0:
+        if number % STATES_PER_FRAME == 0:
             times_s.append(state.time_s)
             frames.append(poses(playback.episodes))
         progress()
     return times_s, frames
 
 
-def _steps(recording: Recording) -> Steps:
+def _steps(recording: Recording) -> StepSeries:
     control = recording.topics["/control"]
-    return Steps(
+    return StepSeries(
         time_s=[time_ns / 1e9 for time_ns, _ in control],
         reward=np.cumsum([step.reward for _, step in control]).tolist(),
         force_n=[step.force_on_person_n for _, step in control],

@@ -28,7 +28,7 @@ STATE_QUANTITIES: Mapping[str, _State] = {
 """Parts of a MuJoCo state by name; SI units."""
 
 
-ROUNDING = 1e-9
+MAX_ROUNDING_DIFFERENCE = 1e-9
 """Largest relative difference after one tick that rounding can explain."""
 
 
@@ -78,7 +78,7 @@ class Verification:
     @property
     def agrees(self) -> bool:
         """Whether rounding explains all differences."""
-        return self.tick_error <= ROUNDING
+        return self.tick_error <= MAX_ROUNDING_DIFFERENCE
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:

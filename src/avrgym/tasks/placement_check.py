@@ -60,7 +60,7 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
     """Reset each world with its index as seed. Returns statistics of the numbers of samples."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
-        episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
+        episodes.reset(worlds, [random_streams.episode_generator(world) for world in worlds.tolist()])
     except NoClearanceError as error:
         return StartDrawStatistics(
             float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error)

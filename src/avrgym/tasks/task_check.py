@@ -44,7 +44,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """Observations (T, N, O) of episodes with an expert."""
-    episodes.reset(np.arange(WORLDS), [random_streams.episode(seed) for seed in range(WORLDS)])
+    episodes.reset(np.arange(WORLDS), [random_streams.episode_generator(seed) for seed in range(WORLDS)])
     steps = [episodes.evaluate_state()]
     controller = expert(episodes)
     for _ in range(STEPS):

@@ -87,8 +87,8 @@ class Chooser:
         while not done():
             if value in [button["value"] for button in headset.call("buttons")]:
                 self._try(value)
-            give_up = time.monotonic() + PATIENCE_S
-            while not done() and time.monotonic() < give_up:
+            discard_attempt = time.monotonic() + PATIENCE_S
+            while not done() and time.monotonic() < discard_attempt:
                 headset.wait_for_frames(2)
 
     def _try(self, value: int) -> None:

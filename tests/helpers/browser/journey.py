@@ -53,9 +53,9 @@ DRAW_LITTLE = """() => {
 
 def wait_until(condition: Callable[[], bool]) -> None:
     """Wait until a condition is true."""
-    give_up = time.monotonic() + TIMEOUT_S
+    discard_attempt = time.monotonic() + TIMEOUT_S
     while not condition():
-        assert time.monotonic() < give_up
+        assert time.monotonic() < discard_attempt
         time.sleep(0.02)
 
 

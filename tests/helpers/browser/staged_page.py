@@ -9,7 +9,7 @@ from playwright.sync_api import Page, Route, WebSocketRoute
 import avrgym.vr
 from avrgym.vr.protocol import messages
 
-STATIC = Path(avrgym.vr.__file__).parent / "static"
+STATIC_FOLDER = Path(avrgym.vr.__file__).parent / "static"
 ADDRESS = "http://localhost:9"
 """Playwright answers every request to this address."""
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -60,7 +60,7 @@ class StagedPage:
         for name, answer in self.answers.items():
             if path.endswith(name):
                 return route.fulfill(body=msgspec.json.encode(answer()), content_type="application/json")
-        file = STATIC / ("index.html" if path == "spectator" else path)
+        file = STATIC_FOLDER / ("index.html" if path == "spectator" else path)
         if not file.is_file():
             return route.fulfill(status=404)
         return route.fulfill(path=file, content_type=_TYPES.get(file.suffix, "application/octet-stream"))

@@ -37,7 +37,7 @@ JOURNAL_ENTRY = struct.Struct("<qq")
 def shorten_delays() -> None:
     """Shorten the delays of simulated participants in this process."""
     in_process_client.CALIBRATION_S = 0.6
-    in_process_client.ANSWER_AFTER_S = 0.05
+    in_process_client.ANSWER_DELAY_S = 0.05
     plan_session: Callable[..., SessionPlan] = visit.plan_session
     visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
 

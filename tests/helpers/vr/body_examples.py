@@ -45,7 +45,7 @@ def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
     bodies = [_body(*each) for each in BODIES]
     for number in range(count):
         start = SEATED_RAD + rng.uniform(0.0, 1.0) * (rng.uniform(LOWER_RAD, UPPER_RAD) - SEATED_RAD)
-        body, turn_rad = bodies[number % len(bodies)], arm.MAX_TURN_RAD * (1 + 5 * (number // 3 % 2))
+        body, turn_rad = bodies[number % len(bodies)], arm.MAX_ROTATION_RAD * (1 + 5 * (number // 3 % 2))
         yield _solved(body, _pose(rng, body, start, number // 6 % 4), start, turn_rad)
 
 

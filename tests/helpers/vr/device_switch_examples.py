@@ -16,7 +16,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.vr.protocol.messages import Modality, XRPose
 from avrgym.vr.protocol.webxr import GRIP_FROM_WRIST_AXES, HAND_CENTRE_FROM_WRIST
-from avrgym.vr.tracking.switches import Hand
+from avrgym.vr.tracking.switches import HandDevice
 
 Side = Literal["left", "right"]
 Error = tuple[FloatArray, FloatArray]
@@ -68,7 +68,7 @@ def examples() -> Iterator[dict[str, Any]]:
 
 
 def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, Any]:
-    hand, grip, time_s = Hand(side), random_grip(rng), 0.0
+    hand, grip, time_s = HandDevice(side), random_grip(rng), 0.0
     errors = {
         "hand": random_error(rng, rng.uniform(0.0, 0.2), rng.uniform(0.0, 90.0)),
         "controller": NO_ERROR,

@@ -85,9 +85,9 @@ class LiveVisit(Visit):
 
     def run_live(self, until: Callable[[], bool]) -> None:
         """Tick in real time until a condition is true."""
-        give_up = time.monotonic() + TIMEOUT_S
+        discard_attempt = time.monotonic() + TIMEOUT_S
         while not until():
-            assert time.monotonic() < give_up, f"still in {self.phase}; problems: {self.problems}"
+            assert time.monotonic() < discard_attempt, f"still in {self.phase}; problems: {self.problems}"
             self.tick()
             time.sleep(TICK_S / 2)
 

@@ -34,15 +34,15 @@ from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT,
     TRIAL,
     Family,
-    Key,
     Question,
+    UnitKey,
     compare_policies,
     corrected_family,
 )
 from avrgym.analysis.statistics.tests import summary_statistics
+from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
-from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.system.columns import Column
@@ -157,7 +157,7 @@ def _scales(rows: Sequence[ScoreRow]) -> list[str]:
     return list(dict.fromkeys(row.scale for row in rows))
 
 
-def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key, float]:
+def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[UnitKey, float]:
     """Returns the scores of one scale after trials with ``policy``; keys are (participant, task, robot)."""
     return {
         (row.participant, row.task or "", row.robot or ""): row.score
@@ -212,7 +212,7 @@ def _summary_rows(
     ]
 
 
-NOTE = (
+SCORES_NOTE = (
     "A scale of one item has the same values and p as the item in the section Answers. Corrected p differs because the "
     "families differ. Without a plan, only the score is a primary result."
 )
@@ -234,7 +234,7 @@ def scores_section(
         if questionnaire.instrument is not None
     ]
     shown = [part for part in parts if part]
-    return tag("section", tag("h3", "Scores"), tag("p", NOTE), *shown) if shown else Markup()
+    return tag("section", tag("h3", "Scores"), tag("p", SCORES_NOTE), *shown) if shown else Markup()
 
 
 def _of_instrument(

@@ -31,8 +31,8 @@ from avrgym.analysis.statistics.comparisons import (
     corrected_family,
 )
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
-from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 

@@ -31,16 +31,16 @@ from avrgym.analysis.statistics.comparisons import (
     TRIAL,
     Comparison,
     Family,
-    Key,
     Question,
+    UnitKey,
     compare_policies,
     corrected_family,
     differences_by_participant,
     values_by_unit,
 )
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
-from avrgym.recording.respondents import PROXY
 from avrgym.study.design.design import Design
 from avrgym.study.storage.item_versions import base_name
 from avrgym.system.columns import Column
@@ -215,7 +215,7 @@ def _against_middle(
 
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
-) -> tuple[dict[Key, float], dict[Key, float]]:
+) -> tuple[dict[UnitKey, float], dict[UnitKey, float]]:
     """Returns the answers to an item with the first and with the second policy, by (participant, task, robot)."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
@@ -232,7 +232,7 @@ def _counted_answers(
     return [row for row in answers if (row.counted, row.simulated, row.item, row.policy) == wanted]
 
 
-def _key(row: AnswerRow) -> Key:
+def _key(row: AnswerRow) -> UnitKey:
     return row.participant, row.task or "", row.robot or ""
 
 

@@ -85,7 +85,7 @@ class BodyTrials:
         """Returns the postures that occur in these trials."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
-    def in_posture(self, posture: str) -> list[TrialRow]:
+    def trials_in_posture(self, posture: str) -> list[TrialRow]:
         """Returns the trials in ``posture``."""
         return [row for row in self.trials if posture_of(row.task) == posture]
 
@@ -134,7 +134,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
     """Returns each participant's mean head position (n, 3) over trials in ``posture``, in metres in the world frame."""
-    trials = group.in_posture(posture)
+    trials = group.trials_in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
     return np.array([heads.mean(axis=0) for heads in own])

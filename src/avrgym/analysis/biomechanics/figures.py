@@ -99,7 +99,7 @@ def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: 
         )
     _cloud(
         axes,
-        group.in_posture(posture),
+        group.trials_in_posture(posture),
         axis,
         color=TEXT_COLOUR,
         markersize=3.5,

@@ -77,7 +77,7 @@ def _unpaired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str)
 def _paired_heads(
     group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
 ) -> list[Comparison]:
-    trials = group.in_posture(posture)
+    trials = group.trials_in_posture(posture)
     own = np.array([head_position(row) for row in trials]).T
     others = np.array([head_position(row) for row in _partners(trials, people, name)]).T
     return [
@@ -89,7 +89,7 @@ def _paired_heads(
 def _unpaired_heads(
     group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
 ) -> list[Comparison]:
-    trials = group.in_posture(posture)
+    trials = group.trials_in_posture(posture)
     own, others = (
         participant_head_positions(group, posture).T,
         training_head_positions(people, name, posture).T,
@@ -103,7 +103,7 @@ def _unpaired_heads(
 def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str) -> list[Comparison]:
     own, others = participant_head_positions(group, posture), training_head_positions(people, name, posture)
     found = energy_test(own, others, TRAINING_PEOPLE_SEED)
-    return [_against(group.in_posture(posture), f"head_m, {posture}", own, name, others, found)]
+    return [_against(group.trials_in_posture(posture), f"head_m, {posture}", own, name, others, found)]
 
 
 def _against(

@@ -80,7 +80,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
     """Sample people of one population for one task. The random seed depends only on population and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
-    rng = random_streams.training_people(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
+    rng = random_streams.training_people_generator(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
     drawn = sample_people(
         TRAINING_PEOPLE[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms

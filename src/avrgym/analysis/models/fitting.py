@@ -15,9 +15,9 @@ from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 EffectEstimates = Mapping[Effect, Estimate | FitError]
-RANDOM_EFFECT_OF = {POLICIES: "policy", ROBOTS: "robot"}
+RANDOM_EFFECT_BY_KIND = {POLICIES: "policy", ROBOTS: "robot"}
 """Random effect for a kind of effect: participants can differ in their responses to policies and to robots."""
-UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
+UNRELIABLE_NOTE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
@@ -83,8 +83,8 @@ def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> Estim
         found = fitted.estimate(names.contrast(effect))
     except FitError as error:
         return error
-    own = f"participant by {RANDOM_EFFECT_OF.get(effect.kind)}"
-    return replace(found, note=f"{found.note}; {UNRELIABLE}") if own in found.note else found
+    own = f"participant by {RANDOM_EFFECT_BY_KIND.get(effect.kind)}"
+    return replace(found, note=f"{found.note}; {UNRELIABLE_NOTE}") if own in found.note else found
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> FittedModel:

@@ -17,7 +17,7 @@ TITLES = {
     "order": "Order: position of the trial within its task",
     "carry-over": "Carry-over: policy of the previous trial",
 }
-NOTE = (
+MODELS_NOTE = (
     "Each model has policy, robot, task, position in the session and previous policy as fixed effects, and "
     "participants as clusters. Effects on answers and success are odds ratios: above 1, higher answers or successes "
     "are likelier in the first group. Effects on rewards and scores are differences in their own units. Confidence "
@@ -40,7 +40,7 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
     others = [tag("details", tag("summary", TITLES[kind]), shown[kind]) for kind in kinds if kind != POLICIES]
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
     first = [shown[POLICIES]] if POLICIES in shown else []
-    return tag("section", head, *mark, tag("p", NOTE), *first, *others)
+    return tag("section", head, *mark, tag("p", MODELS_NOTE), *first, *others)
 
 
 def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:

@@ -11,8 +11,8 @@ from avrgym.analysis.reading.rows import ALL, TrialRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT,
     Family,
-    Key,
     Question,
+    UnitKey,
     compare_policies,
     corrected_family,
 )
@@ -284,7 +284,7 @@ def _family(design: Design, simulated: bool, trials: Sequence[TrialRow]) -> Fami
 
 def _measure_values(
     trials: Sequence[TrialRow], policy: str, measure: Callable[[TrialRow], float | None]
-) -> dict[Key, float]:
+) -> dict[UnitKey, float]:
     return {
         (row.participant, row.task, row.robot): value
         for row in trials

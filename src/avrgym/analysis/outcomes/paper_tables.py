@@ -46,9 +46,9 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
     return Cell(row.simulation_reward_mean, row.simulation_success_rate)
 
 
-SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
+TABLE_SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
 """The two halves of Table I by name, each with the function that returns the cell of a condition."""
-Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
+TableColumn = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 """A table column: robot, policy, and the function that returns the cell of a condition."""
 
 
@@ -62,7 +62,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
         for policy in design.policies:
             columns = {
                 f"{side} {robot}": (robot, policy, read)
-                for (side, read), robot in product(SIDES.items(), design.robots)
+                for (side, read), robot in product(TABLE_SIDES.items(), design.robots)
                 if read is _in_vr
                 or any(read(own[task, robot, policy]) != EMPTY_CELL for task in design.tasks)
             }
@@ -83,7 +83,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 
 
 def _cells(
-    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
+    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[TableColumn]
 ) -> dict[str, tuple[Cell, ...]]:
     """Returns the cells of each task and of all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {
@@ -92,7 +92,7 @@ def _cells(
     }
 
 
-def file_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+def csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
     """Yields the tables for CSV files, with separate columns for reward and success.
 
     Rows about people are first, then rows about simulated participants.

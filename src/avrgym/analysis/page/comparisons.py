@@ -32,7 +32,7 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
     return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
 
 
-def other_tests(tests: TestTables) -> Markup:
+def remaining_tests(tests: TestTables) -> Markup:
     """Returns a section with the remaining tables, which no other section shows; empty if none remains."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 

@@ -13,7 +13,7 @@ from avrgym.recording.schema import Control
 
 WIDTH, HEIGHT = 460, 200
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38
-COLOURS = 6
+COLOUR_COUNT = 6
 LEGEND_LINE_HEIGHT = 16
 """Height of one line of the legend below a chart."""
 
@@ -119,7 +119,7 @@ def _key(names: list[str]) -> list[str]:
 
 
 def _colour(index: int) -> str:
-    return f"var(--line-{index % COLOURS + 1})"
+    return f"var(--line-{index % COLOUR_COUNT + 1})"
 
 
 def _text(x: float, y: float, text: str, anchor: str, turned: bool = False) -> str:

@@ -35,8 +35,8 @@ STUDIES_PER_JOB = 100
 """Number of simulated studies in one job. A process runs one job at a time."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
-Probability = float | None
-Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
+PValueOrNone = float | None
+PValues = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
 """For each (test, measure): p, and p after correction over all primary results; ``None`` without a test."""
 
 
@@ -118,12 +118,12 @@ def simulate_power(
     return rows
 
 
-Counts = Mapping[tuple[str, str], tuple[int, int]]
+SignificantCounts = Mapping[tuple[str, str], tuple[int, int]]
 """For each (test, measure): number of studies with p below 0.05, and number with corrected p below 0.05."""
 
 
 def power_rows(
-    counts: Sequence[Counts], effect: float, participants: int, simulations: int
+    counts: Sequence[SignificantCounts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
     """Returns the rows of one effect and number of participants. ``counts``: the counts from each job."""
     rows: list[PowerRow] = []
@@ -141,7 +141,7 @@ def power_rows(
 
 def _count_and_report(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
-) -> Counts:
+) -> SignificantCounts:
     counts = count_significant(design, assumptions, effect, participants, seed, numbers)
     report(len(numbers))
     return counts
@@ -149,7 +149,7 @@ def _count_and_report(
 
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
-) -> Counts:
+) -> SignificantCounts:
     """Returns the number of studies in which each test is significant. ``numbers``: the studies to simulate."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
@@ -167,13 +167,13 @@ def count_significant(
     return found
 
 
-def _is_significant(p: Probability) -> bool:
+def _is_significant(p: PValueOrNone) -> bool:
     return p is not None and p < ALPHA
 
 
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
-) -> Probabilities:
+) -> PValues:
     """Returns p and corrected p of each reported test, computed as in the analysis.
 
     Answers to the first item with the last policy are compared with the midpoint. Answers to each item are compared

@@ -78,13 +78,13 @@ class SimulatedStudies:
         policies at the midpoint.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
-        rng = random_streams.simulated_study(self._seed, number, 0)
+        rng = random_streams.simulated_study_generator(self._seed, number, 0)
         stays, cells = self._session(participants, number)
         places = self._places[cells]
         drawn = rng.standard_normal((len(stays), 1 + policies + int(np.prod(self._shape))))
         lenience, liking = drawn[:, 0], drawn[:, 1 : 1 + policies]
         noise = drawn[:, 1 + policies :].reshape(-1, *self._shape)
-        of_task = random_streams.simulated_study(self._seed, number, 1).standard_normal(tasks)
+        of_task = random_streams.simulated_study_generator(self._seed, number, 1).standard_normal(tasks)
         of_policy = np.where(np.arange(policies) == policies - 1, effect, 0.0)
         shift = (
             assumed.participant_sd * lenience[:, None, None, None]
@@ -105,7 +105,7 @@ class SimulatedStudies:
 
     def objective(self, participants: int, number: int) -> FloatArray:
         """Returns random success, reward and force (participants, policies, 3). Policies have no effect on them."""
-        rng = random_streams.simulated_study(self._seed, number, 3)
+        rng = random_streams.simulated_study_generator(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
@@ -116,7 +116,7 @@ class SimulatedStudies:
         Returns:
             Boolean mask (m,) of participants who complete the study, and the indices (m,) of their orders.
         """
-        rng = random_streams.simulated_study(self._seed, number, 2)
+        rng = random_streams.simulated_study_generator(self._seed, number, 2)
         stays: list[bool] = []
         cells: list[int] = []
         while sum(stays) < participants:

@@ -17,8 +17,8 @@ from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.sites import site_of
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.analysis.study import Analysis
+from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.questionnaire import Questionnaire
-from avrgym.recording.respondents import PROXY
 from avrgym.study.design.description import (
     describe_blinding,
     describe_conditions,

@@ -16,11 +16,11 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.table_files import write_csv
 
 FOLDER = "reporting"
-PAGE = "index.html"
+PAGE_FILE = "index.html"
 DATA_PACKAGE = "datapackage.json"
-MISSING = re.compile(r"(\[MISSING: [^\]]*\])")
+MISSING_PATTERN = re.compile(r"(\[MISSING: [^\]]*\])")
 NO_PARTICIPANTS_TEXT = "Nobody has taken part yet: there is nothing to report."
-FILES = (
+FILES_TEXT = (
     "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
     "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "
     "tables of the analysis, which tables/datapackage.json describes for Frictionless; checklist.csv."
@@ -33,7 +33,7 @@ def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> N
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)
     if flow is None:
-        write_page(folder / PAGE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
+        write_page(folder / PAGE_FILE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
         return
     sections, asked = methods(analysis, flow), checklist(analysis, flow)
     (folder / "methods.md").write_text(markdown(analysis.design.title, sections), encoding="utf-8")
@@ -46,7 +46,9 @@ def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> N
             text = latex_table(own.caption, own.heads, own.rows, own.numbers)
             (folder / f"{own.name}-{group}.tex").write_text(text, encoding="utf-8")
             shown.append(own)
-    write_page(folder / PAGE, _title(analysis), _header(analysis), _main(analysis, sections, asked, shown))
+    write_page(
+        folder / PAGE_FILE, _title(analysis), _header(analysis), _main(analysis, sections, asked, shown)
+    )
 
 
 def _write_codebook(analysis: Analysis, folder: Path, tables: Path) -> None:
@@ -68,7 +70,7 @@ def _header(analysis: Analysis) -> list[Markup]:
     about = "Results of simulated participants are marked and never combined with those of people."
     return [
         *([warning_box("SIMULATED PARTICIPANTS.", about)] if simulated else []),
-        tag("p", FILES),
+        tag("p", FILES_TEXT),
         tag("p", tag("a", "The report", href="../report/index.html")),
     ]
 
@@ -100,7 +102,7 @@ def _methods(sections: Sections) -> list[Markup]:
 def _paragraph(text: str) -> Markup:
     if text == SIMULATED:
         return badge(text)
-    pieces = MISSING.split(text)
+    pieces = MISSING_PATTERN.split(text)
     return tag("p", *(_missing(piece) if number % 2 else piece for number, piece in enumerate(pieces)))
 
 

@@ -12,9 +12,9 @@ from avrgym.system.columns import Column
 
 AGREEMENT_STEPS = 15
 """The robot's reaction is measured for this number of control steps after a command."""
-MOVED_M = 0.01
+MIN_MOTION_M = 0.01
 """A smaller change of the distance counts as none."""
-NEAR_M = 0.05
+MIN_APPROACH_DISTANCE_M = 0.05
 """A robot that is nearer than this cannot come much nearer."""
 _AVERAGE = "no command was given"
 
@@ -96,10 +96,10 @@ def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
     nearest_m, last_m = min(record.gap_m for record in after), after[-1].gap_m
     match command.name:
         case "ready" | "again" | "closer":
-            return nearest_m < before.gap_m - MOVED_M or nearest_m < NEAR_M
+            return nearest_m < before.gap_m - MIN_MOTION_M or nearest_m < MIN_APPROACH_DISTANCE_M
         case "slower":
             return after[0].speed_factor < before.speed_factor or not command.effective
         case "faster":
             return after[0].speed_factor > before.speed_factor or not command.effective
         case _:
-            return last_m > before.gap_m - MOVED_M
+            return last_m > before.gap_m - MIN_MOTION_M

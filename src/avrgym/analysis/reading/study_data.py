@@ -21,7 +21,12 @@ from avrgym.analysis.reading.rows import (
     TermRow,
     TrialRow,
 )
-from avrgym.analysis.reading.trial_series import Body, TrialSeries, read_trial_series, version_differences
+from avrgym.analysis.reading.trial_series import (
+    BodySeries,
+    TrialSeries,
+    read_trial_series,
+    version_differences,
+)
 from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_quality
@@ -282,7 +287,7 @@ def guard_interventions(recording: Recording) -> int | None:
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
 
 
-def _body_metrics(body: Body) -> dict[str, float]:
+def _body_metrics(body: BodySeries) -> dict[str, float]:
     metrics = {"torso_height_m": body.torso_height_m}
     head = body.head_centre_w.mean(axis=0)
     waist = np.degrees(body.waist_rad)

@@ -18,7 +18,7 @@ WAIST_JOINTS = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class BodySeries:
     """Torso height; at each control step, head centre (n, 3) in the world frame and waist angles (n, 3)."""
 
     torso_height_m: float
@@ -33,7 +33,7 @@ class TrialSeries:
     times_s: Sequence[float]
     steps: Sequence[Control]
     weights: Mapping[str, float]
-    body: Body | None
+    body: BodySeries | None
 
 
 def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
@@ -64,7 +64,7 @@ def head_centres(people: People, posture: Posture) -> FloatArray:
     return pos_w["head"] + transforms.rotate(q_w["head"], centre)
 
 
-def _body(recording: Recording, posture: Posture) -> Body | None:
+def _body(recording: Recording, posture: Posture) -> BodySeries | None:
     """Returns the body posture from the recorded joint targets; ``None`` if they are missing or have other joints."""
     configuration = recording.configuration
     person = configuration.person
@@ -77,7 +77,7 @@ def _body(recording: Recording, posture: Posture) -> Body | None:
     people = People.unimpaired(
         np.full(len(angles), person.sex == "woman"), np.full(len(angles), person.torso_height_m), angles
     )
-    return Body(person.torso_height_m, head_centres(people, posture), angles[:, WAIST_JOINTS])
+    return BodySeries(person.torso_height_m, head_centres(people, posture), angles[:, WAIST_JOINTS])
 
 
 def _targets_at(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:

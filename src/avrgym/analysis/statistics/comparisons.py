@@ -170,11 +170,14 @@ def _median(values: Sequence[float]) -> float | None:
 
 MEAN_DECIMALS = 9
 """Number of decimals of means over trials. Means that differ only by rounding errors become equal."""
-Key = tuple[str, ...]
+UnitKey = tuple[str, ...]
 
 
 def compare_policies(
-    name: str, policies: tuple[str, str], values: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
+    name: str,
+    policies: tuple[str, str],
+    values: tuple[Mapping[UnitKey, float], Mapping[UnitKey, float]],
+    unit: str,
 ) -> Comparison:
     """Compare the second policy with the first policy by a signed-rank test.
 
@@ -194,17 +197,19 @@ def compare_policies(
     )
 
 
-def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
+def values_by_unit(unit: str, values: Mapping[UnitKey, float]) -> dict[UnitKey, float]:
     """Returns the values of trials if ``unit`` is ``TRIAL``; otherwise the mean of each participant."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
-    own: dict[Key, list[float]] = {}
+    own: dict[UnitKey, list[float]] = {}
     for key, value in values.items():
         own.setdefault(key[:1], []).append(value)
     return {key: round(fmean(values), MEAN_DECIMALS) for key, values in own.items()}
 
 
-def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
+def differences_by_participant(
+    unit: str, differences: Mapping[UnitKey, float]
+) -> tuple[int, dict[str, float]]:
     """Returns the number of participants, and the difference of each participant (empty for a test by trial)."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:

@@ -17,9 +17,9 @@ from scipy import stats
 from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
-MAX_ENUMERATED = 14
+MAX_EXACT_PARTICIPANTS = 14
 """Maximum number of participants for the exact test, which uses all sign combinations."""
-SAMPLED_FLIPS = 9_999
+RANDOM_FLIP_COUNT = 9_999
 """Number of random sign combinations for more participants. The observed combination is added."""
 TOLERANCE = 1e-9
 
@@ -37,7 +37,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
     if not len(tested):
         return found
     flipped = np.abs(sign_flips(len(ranks)) @ (ranks[:, tested] / sizes[tested]))
-    for test, p in zip(tested, step_down(flipped), strict=True):
+    for test, p in zip(tested, step_down_p_values(flipped), strict=True):
         found[int(test)] = float(p)
     return found
 
@@ -59,15 +59,15 @@ def sign_flips(participants: int) -> FloatArray:
 
     The exact test contains one of each two opposite combinations, because statistics are absolute values.
     """
-    if participants > MAX_ENUMERATED:
-        drawn = random_streams.sampled_sign_flips().integers(0, 2, (SAMPLED_FLIPS, participants))
+    if participants > MAX_EXACT_PARTICIPANTS:
+        drawn = random_streams.sign_flip_generator().integers(0, 2, (RANDOM_FLIP_COUNT, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
     chosen = np.array(list(product([1.0, -1.0], repeat=free))).reshape(2**free, free)
     return np.hstack([np.ones((2**free, participants - free)), chosen])
 
 
-def step_down(statistics: FloatArray) -> FloatArray:
+def step_down_p_values(statistics: FloatArray) -> FloatArray:
     """Returns corrected p (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")

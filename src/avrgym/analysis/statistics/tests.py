@@ -18,9 +18,9 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
-EXACT_SIGNED_RANK = 50
+MAX_EXACT_SIGNED_RANK = 50
 """Maximum number of differences for an exact signed-rank test. Floats represent counts up to 2**50 exactly."""
-EXACT_RANK_SUM = 8
+MAX_EXACT_RANK_SUM = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATIONS = 9_999
 MANN_WHITNEY = "Mann-Whitney"
@@ -67,10 +67,10 @@ class StatisticalTest:
 def signed_rank(differences: ArrayLike) -> StatisticalTest:
     """Wilcoxon signed-rank test. Null hypothesis: differences are symmetric around zero (Biometrics Bulletin 1, 1945).
 
-    Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most ``EXACT_SIGNED_RANK``
-    differences, p is exact: all combinations of signs are equally probable. For more differences, p is SciPy's
-    normal approximation with tie correction and without continuity correction. The statistic is the smaller rank sum;
-    the effect is (W₊ − W₋) / (W₊ + W₋).
+    Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most
+    ``MAX_EXACT_SIGNED_RANK`` differences, p is exact: all combinations of signs are equally probable. For more
+    differences, p is SciPy's normal approximation with tie correction and without continuity correction. The statistic
+    is the smaller rank sum; the effect is (W₊ − W₋) / (W₊ + W₋).
     """
     given = np.asarray(differences, float)
     used = given[given != 0.0]
@@ -81,7 +81,7 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
         return StatisticalTest(test, 0, zeros, note=note)
     ranks = stats.rankdata(np.abs(used))
     positive, negative = float(ranks[used > 0].sum()), float(ranks[used < 0].sum())
-    if len(used) <= EXACT_SIGNED_RANK:
+    if len(used) <= MAX_EXACT_SIGNED_RANK:
         method, p = "exact", _exact_signed_rank(ranks, min(positive, negative))
     else:
         found: Any = stats.wilcoxon(used, method="asymptotic")
@@ -108,10 +108,10 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     """Mann-Whitney U test: do values of one sample tend to be larger? (Ann. Math. Stat. 18, 1947)
 
-    p is exact if the smaller sample has at most ``EXACT_RANK_SUM`` values: all divisions of the ranks into two samples
-    are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is SciPy's
-    normal approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m) − 1 is
-    positive if ``a`` is larger.
+    p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM`` values: all divisions of the ranks into two
+    samples are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is
+    SciPy's normal approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m)
+    − 1 is positive if ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = MANN_WHITNEY, len(a) + len(b)
@@ -120,7 +120,7 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
         return StatisticalTest(test, n, note="all values are equal")
-    exact, ties = min(len(a), len(b)) <= EXACT_RANK_SUM, len(np.unique(pooled)) < n
+    exact, ties = min(len(a), len(b)) <= MAX_EXACT_RANK_SUM, len(np.unique(pooled)) < n
     found = stats.mannwhitneyu(a, b, method="exact" if exact and not ties else "asymptotic")
     p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
@@ -182,7 +182,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     if not apart.any():
         return StatisticalTest(test, total, note="all values are equal")
     given, between = _energy(apart, np.arange(count)[None])
-    rng = random_streams.permutations(seed)
+    rng = random_streams.permutation_generator(seed)
     drawn = np.stack([rng.permutation(total)[:count] for _ in range(permutations)])
     larger = int((_energy(apart, drawn)[0] >= given[0] - 1e-12).sum())
     p = (1 + larger) / (1 + permutations)

@@ -17,14 +17,14 @@ from avrgym.study.checking.finding import Finding, excluded_trial
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.plugin_checks import check_plugins
-from avrgym.study.checking.policy_files import check_policies_used
-from avrgym.study.checking.preflight import check_starts, policy_errors
+from avrgym.study.checking.policy_files import check_used_policies
+from avrgym.study.checking.preflight import check_initial_states, policy_errors
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.design.design import Design
-from avrgym.study.people.retention import describe_due, recordings_deleted, today
+from avrgym.study.people.retention import describe_due_deletions, recording_deletion_times, today
 from avrgym.study.storage.answers import answered_in_visit, had_open_questionnaire, has_open_questionnaire
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, recording_sha256
 from avrgym.study.storage.rows import (
     RECORDINGS,
     Participant,
@@ -94,9 +94,9 @@ def _is_completed(path: Path) -> bool:
         return False
 
 
-def check_due(store: Store) -> Iterator[Finding]:
+def check_retention_periods(store: Store) -> Iterator[Finding]:
     """Yields findings about data whose retention period has ended."""
-    return (Finding("retention", words, is_error=False) for words in describe_due(store, today()))
+    return (Finding("retention", words, is_error=False) for words in describe_due_deletions(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
@@ -182,7 +182,7 @@ def _check_attempt(
         )
     elif why := _not_merged(store, attempt):
         yield Finding(attempt.recording, f"was left out when sites were merged: {why}", is_error=False)
-    elif at := recordings_deleted(store).get(participant.number):
+    elif at := recording_deletion_times(store).get(participant.number):
         yield Finding(attempt.recording, f"was deleted by schedule at {at}", is_error=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
@@ -218,7 +218,7 @@ def _check_recording(
     answers: list[StudyAnswer],
 ) -> Iterator[Finding]:
     has_checksum = attempt.state == "completed" or attempt.sha256 is not None
-    if has_checksum and sha256_of(store, attempt.recording) != attempt.sha256:
+    if has_checksum and recording_sha256(store, attempt.recording) != attempt.sha256:
         yield Finding(attempt.recording, CHECKSUM_DIFFERS)
     try:
         recording = read_recording(path)
@@ -311,10 +311,10 @@ def _files(store: Store) -> list[str]:
 CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_database,
     check_policies,
-    check_policies_used,
+    check_used_policies,
     check_design,
     check_stored_designs,
-    check_starts,
+    check_initial_states,
     check_private,
     check_consents,
     check_participation,
@@ -323,5 +323,5 @@ CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_interim_looks,
     check_repeats,
     check_stray_files,
-    check_due,
+    check_retention_periods,
 )

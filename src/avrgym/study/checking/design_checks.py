@@ -11,7 +11,7 @@ from avrgym.study.design.comparison import (
     Wordings,
     comparable_values,
     differences,
-    place_text,
+    key_path_text,
     read_wordings,
     value_text,
 )
@@ -34,7 +34,7 @@ ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
 CONSENT_FIELD = "consent"
 """A design field that another check compares, for each participant separately."""
-NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
+FIELDS_WITHOUT_EFFECT = ("title", "participants", "max_held_share", "max_repeats")
 """Design fields without effect on participants. A different value is not an error."""
 
 
@@ -58,11 +58,11 @@ def check_design(store: Store) -> Iterator[Finding]:
     """
     sessions = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), sessions):
-        is_error = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
+        is_error = each.place[0] not in FIELDS_WITHOUT_EFFECT and not is_accepted_site_difference(
             store, each.sessions, sessions
         )
         message = (
-            f"{place_text(each.place)} is {value_text(each.present)}; it was {value_text(each.used)} for"
+            f"{key_path_text(each.place)} is {value_text(each.present)}; it was {value_text(each.used)} for"
         )
         yield Finding(each.file, f"{message} {describe_trials(each.sessions, sessions)}", is_error=is_error)
     yield from _check_inclusion(store)
@@ -132,7 +132,7 @@ def _check_inclusion(store: Store) -> Iterator[Finding]:
     answered.
     """
     for (place, here, there), people in admission_differences(store, store.design, ADMISSION_FIELDS):
-        message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
+        message = f"{key_path_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
 
 
@@ -167,7 +167,7 @@ def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterat
         for place, before, then in differences(_of_sessions(own.design), _of_sessions(entry.design)):
             yield Finding(
                 str(entry.session),
-                f"was recorded with another {place_text(place)} than its design has: {value_text(then)} instead of "
+                f"was recorded with another {key_path_text(place)} than its design has: {value_text(then)} instead of "
                 f"{value_text(before)}, for {describe_trials([entry])}",
                 is_error=place[0] != "furniture",
             )

@@ -8,7 +8,7 @@ from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
-RESULTS = "results"
+RESULTS_LOCATION = "results"
 """Place (``where``) of the findings of this check."""
 
 
@@ -31,7 +31,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
             f"were viewed{times} after {completed} of {most} participants by {who}{first} at {entries[0].at} (UTC): "
             f"{names}"
         )
-        yield Finding(RESULTS, message, is_error=False)
+        yield Finding(RESULTS_LOCATION, message, is_error=False)
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:

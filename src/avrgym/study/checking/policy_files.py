@@ -10,7 +10,7 @@ import msgspec
 from avrgym.policies import controllers
 from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.preflight import policies_needed
+from avrgym.study.checking.preflight import needed_policies
 from avrgym.study.storage.rows import StudyEvent
 from avrgym.study.storage.session_designs import (
     SessionDesign,
@@ -45,7 +45,7 @@ class UsedPolicy:
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
     """Returns the current file of each policy of the design."""
-    return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
+    return tuple(_policy_file(store, environment, name) for environment, name in needed_policies(store))
 
 
 def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
@@ -73,7 +73,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
     return source, controllers.python_file(source) if ":" in source else None
 
 
-def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
+def used_policies(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
     """Returns the policy files that sessions used, by environment and policy. Files of a policy are in order of first
     use.
     """
@@ -96,9 +96,9 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
         raise StudyError(f"the study's database: event {event.id} is damaged: {error}") from error
 
 
-def check_policies_used(store: Store) -> Iterator[Finding]:
+def check_used_policies(store: Store) -> Iterator[Finding]:
     """Yields findings about policies whose files differ between sessions, or whose current file no session used."""
-    used = policies_used(store)
+    used = used_policies(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():
         where = f"policy {key[1]}"

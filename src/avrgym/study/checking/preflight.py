@@ -30,7 +30,7 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
     )
 
 
-def policies_needed(store: Store) -> list[tuple[str, str]]:
+def needed_policies(store: Store) -> list[tuple[str, str]]:
     """Returns all pairs of environment and policy in the design's trials and practice trials."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
@@ -40,10 +40,10 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
     ]
 
 
-def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
+def needed_plugins(store: Store) -> tuple[UsedPlugin, ...]:
     """Returns the installed plug-ins that the design's trials and practice trials use."""
     found: set[UsedPlugin] = set()
-    for environment, name in policies_needed(store):
+    for environment, name in needed_policies(store):
         found |= {*plugins_of(environment)}
         with suppress(PolicyError):
             found |= {*plugins_used(environment, load_study_policy(store, environment, name))}
@@ -52,14 +52,14 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
 
 def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
     """Yields the name and error message of each policy that cannot be loaded."""
-    for environment, name in policies_needed(store):
+    for environment, name in needed_policies(store):
         try:
             load_study_policy(store, environment, name)
         except PolicyError as error:
             yield name, str(error)
 
 
-def check_starts(store: Store) -> Iterator[Finding]:
+def check_initial_states(store: Store) -> Iterator[Finding]:
     """Yields findings about environments in which a body has no valid initial state, or too many rejected samples.
 
     A few initial states are sampled with the shortest and with the tallest body that calibration accepts.

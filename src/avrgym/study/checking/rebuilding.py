@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.commands.respondents import RESPONDENTS
 from avrgym.recording import answers_file
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
-from avrgym.recording.respondents import RESPONDENTS
-from avrgym.recording.writer import end_cut_recording
+from avrgym.recording.writer import complete_truncated_recording
 from avrgym.study.checking.participation_checks import list_error, restored_recordings_message
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
@@ -22,7 +22,7 @@ from avrgym.study.design.design import read_design
 from avrgym.study.people.consents import restore_consents
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN
-from avrgym.study.storage.attempts import INCOMPLETE_ENDS, sha256_of
+from avrgym.study.storage.attempts import INCOMPLETE_ENDS, recording_sha256
 from avrgym.study.storage.database import FILE, database_url
 from avrgym.study.storage.integrity_files import IntegrityFiles
 from avrgym.study.storage.participation import DELETED, REBUILT, Content
@@ -33,14 +33,14 @@ from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, record_event
 from avrgym.study.storage.study_folder import used_numbers
 
-Plan = tuple[PlannedTrial, ...]
-LOST = (
+TrialPlans = tuple[PlannedTrial, ...]
+LOST_DATA = (
     "the answers to inclusion questions, about functioning and to questions about a session, events, adverse events, "
     "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
     "actions, tokens of experimenters and links of participants"
 )
 """Data that are always lost: neither recordings nor the participation list contain them."""
-LOST_WITH_LIST = (
+LOST_WITH_INVALID_LIST = (
     "ages, languages, consents that are in no recording, withdrawals, deletions, and participants without "
     "name and recording"
 )
@@ -150,8 +150,8 @@ class _Rebuilding:
     @property
     def _lost(self) -> str:
         if self._fault:
-            return f"{LOST}; {LOST_WITH_LIST}, because the participation list {self._fault}"
-        return LOST
+            return f"{LOST_DATA}; {LOST_WITH_INVALID_LIST}, because the participation list {self._fault}"
+        return LOST_DATA
 
     def _beginnings(self) -> dict[int, datetime]:
         """Start time of each participant's first recording, by participant number."""
@@ -188,7 +188,7 @@ class _Rebuilding:
 
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
-    ) -> dict[int, Plan]:
+    ) -> dict[int, TrialPlans]:
         """Returns the trial plans that match the recordings, by cell of the design.
 
         If the participation list contains the participant's cell, only this cell is considered.
@@ -216,7 +216,7 @@ class _Rebuilding:
         name = path.relative_to(self._store.folder).as_posix()
         try:
             if not read_header(path).configuration.simulated:
-                end_cut_recording(path)
+                complete_truncated_recording(path)
             recording = read_recording(path)
         except (OSError, RecordingError) as error:
             self._left_out.append(f"{name}: {error}")
@@ -228,7 +228,7 @@ class _Rebuilding:
         connection: sa.Connection,
         number: int,
         cell: int | None,
-        plan: Plan,
+        plan: TrialPlans,
         content: Content | None,
     ) -> None:
         visits = self._visits[number]
@@ -261,7 +261,12 @@ class _Rebuilding:
         return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
-        self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
+        self,
+        connection: sa.Connection,
+        number: int,
+        cell: int | None,
+        plan: TrialPlans,
+        content: Content | None,
     ) -> dict[tuple[Any, ...], int]:
         """Insert a participant and their trials. Returns each trial's id by environment, policy, seed and practice."""
         self._participants += 1
@@ -346,7 +351,7 @@ class _Rebuilding:
             number=number,
             state="completed" if completed else broken_off,
             recording=recorded.name,
-            sha256=sha256_of(self._store, recorded.name),
+            sha256=recording_sha256(self._store, recorded.name),
             metrics=msgspec.to_builtins(recorded.recording.metrics),
             torso_height_m=recorded.configuration.person.torso_height_m,
             input_profile=msgspec.to_builtins(recorded.configuration.input_profile),
@@ -380,11 +385,11 @@ def _planned(trial: PlannedTrial) -> tuple[Any, ...]:
     return trial.environment, trial.policy, trial.seed, trial.practice
 
 
-def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
+def _covers(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
     return {each.planned for each in recorded_attempts} <= {_planned(trial) for trial in plan}
 
 
-def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
+def _adopt(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> TrialPlans:
     """Returns the plan with the recorded practice robots and seeds: earlier versions of AVR Gym sampled other
     values.
     """

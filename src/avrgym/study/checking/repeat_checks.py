@@ -16,12 +16,12 @@ from avrgym.study.checking.repeats import AttemptedTrial, attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
-Block = tuple[int, int, int]
+BlockCounts = tuple[int, int, int]
 """Counts in a block: all units, units in the group, and selected units."""
 
 
-def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
-    """Returns the exact two-sided p-value of ``drawn_in_group``, the number of selected units in a group.
+def selection_p_value(blocks: Iterable[BlockCounts], selected_in_group: int) -> float:
+    """Returns the exact two-sided p-value of ``selected_in_group``, the number of selected units in a group.
 
     Under the null hypothesis, all units of a block are equally likely to be selected. The number is then a sum of
     hypergeometric variables, one for each block. p is the total probability of all sums that are not more likely than
@@ -30,7 +30,7 @@ def selection_p_value(blocks: Iterable[Block], drawn_in_group: int) -> float:
     probabilities: FloatArray = np.ones(1)
     for block in blocks:
         probabilities = np.convolve(probabilities, _hypergeometric(*block))
-    observed = probabilities[drawn_in_group] * (1.0 + 1e-9)
+    observed = probabilities[selected_in_group] * (1.0 + 1e-9)
     return min(1.0, float(probabilities[probabilities <= observed].sum()))
 
 
@@ -42,7 +42,7 @@ def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
     ]
 
 
-REPEATS = "repeats"
+REPEATS_LOCATION = "repeats"
 """Place (``where``) of the findings of this check."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
 """Significance levels of the tests for policy, condition (robot and policy) and outcome."""
@@ -182,4 +182,4 @@ def _trials(number: int) -> str:
 
 
 def _finding(message: str) -> Finding:
-    return Finding(REPEATS, message, is_error=False)
+    return Finding(REPEATS_LOCATION, message, is_error=False)

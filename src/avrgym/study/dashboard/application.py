@@ -13,18 +13,18 @@ from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, change_preferences
+from avrgym.commands.respondents import CONSENT_ROLES
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.dashboard.caregiver import caregiver_app
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
 from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.people.identities import PossibleDuplicate
-from avrgym.study.people.input_profiles import checked_profile, set_input_profile
+from avrgym.study.people.input_profiles import parse_profile, set_input_profile
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
@@ -41,13 +41,13 @@ from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.server.authentication import Caller, Tokens
-from avrgym.vr.server.request_body import posted_json
+from avrgym.vr.server.request_body import read_json_body
 from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
 
-Line = Annotated[str, msgspec.Meta(max_length=MAX_LINE_LENGTH)]
-Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
+LineText = Annotated[str, msgspec.Meta(max_length=MAX_LINE_LENGTH)]
+NoteText = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
 
 
 class LiveSessions(Protocol):
@@ -119,9 +119,9 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     sex: Sex
     age_years: int | None = None
-    language: Line = ""
-    name: Line = ""
-    contact: Line = ""
+    language: LineText = ""
+    name: LineText = ""
+    contact: LineText = ""
     confirm_duplicate: bool = False
     input: dict[str, Any] | None = None
 
@@ -129,12 +129,12 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to store name and contact of a participant."""
 
-    name: Line
-    contact: Line
+    name: LineText
+    contact: LineText
     confirm_duplicate: bool = False
 
 
-class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A decision about the consent text. ``version``: the version that the person read.
 
     ``role``: one of ``CONSENT_ROLES``.
@@ -150,7 +150,7 @@ class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     answers: dict[str, bool]
 
 
-class NewInput(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InputChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change how the participant selects and stops. ``profile``: see ``recording.input_profile``."""
 
     profile: dict[str, Any]
@@ -165,26 +165,26 @@ class NewRespondent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class NewPreferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change preferences for the robot. ``changes``: texts ``name=value``, see ``change_preferences``."""
 
-    changes: list[Line]
+    changes: list[LineText]
 
 
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to withdraw a participant. The reason may be empty."""
 
-    reason: Line = ""
+    reason: LineText = ""
 
 
 class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to add a note of the experimenter."""
 
-    text: Text
+    text: NoteText
 
 
 class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to replace the text of a note."""
 
     id: int
-    text: Text
+    text: NoteText
 
 
 class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -217,7 +217,7 @@ def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
         name=new.name,
         contact=new.contact,
         confirm_duplicate=new.confirm_duplicate,
-        input_profile=None if new.input is None else checked_profile(new.input),
+        input_profile=None if new.input is None else parse_profile(new.input),
     )
     return {"participant": pseudonym}
 
@@ -232,17 +232,17 @@ def _identify(dashboard: Dashboard, pseudonym: str, identification: Identificati
     )
 
 
-def _consent(dashboard: Dashboard, pseudonym: str, agreement: Agreement) -> None:
+def _consent(dashboard: Dashboard, pseudonym: str, agreement: ConsentDecision) -> None:
     _check_version(dashboard, agreement)
     record_consent(dashboard.store, pseudonym, agreement.role)
 
 
-def _decline(dashboard: Dashboard, pseudonym: str, refusal: Agreement) -> None:
+def _decline(dashboard: Dashboard, pseudonym: str, refusal: ConsentDecision) -> None:
     _check_version(dashboard, refusal)
     decline_consent(dashboard.store, pseudonym, refusal.role)
 
 
-def _check_version(dashboard: Dashboard, agreement: Agreement) -> None:
+def _check_version(dashboard: Dashboard, agreement: ConsentDecision) -> None:
     present = dashboard.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
@@ -254,8 +254,8 @@ def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionAnswers) 
     record_inclusion(dashboard.store, pseudonym, inclusion.answers)
 
 
-def _change_input(dashboard: Dashboard, pseudonym: str, new: NewInput) -> None:
-    profile = checked_profile(new.profile)
+def _change_input(dashboard: Dashboard, pseudonym: str, new: InputChange) -> None:
+    profile = parse_profile(new.profile)
     if dashboard.live is not None and dashboard.live.participant == pseudonym:
         dashboard.live.change_input(pseudonym, profile)
     else:
@@ -319,10 +319,10 @@ def _renew_link(dashboard: Dashboard, pseudonym: str, _: NewLink) -> None:
 
 ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
     "identity": (Identification, _identify),
-    "consent": (Agreement, _consent),
-    "declined-consent": (Agreement, _decline),
+    "consent": (ConsentDecision, _consent),
+    "declined-consent": (ConsentDecision, _decline),
     "inclusion": (InclusionAnswers, _include),
-    "input": (NewInput, _change_input),
+    "input": (InputChange, _change_input),
     "respondent": (NewRespondent, _change_respondent),
     "preferences": (NewPreferences, _change_preferences),
     "withdrawal": (Withdrawal, _withdraw),
@@ -443,7 +443,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 async def _body(request: Request, kind: type[B]) -> B:
     """Returns the decoded request body. Error messages contain no values, because values may be names of people."""
-    data = await posted_json(request, MAX_BODY_BYTES)
+    data = await read_json_body(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -6,8 +6,8 @@ import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.questionnaires.questionnaire import translate
-from avrgym.recording.respondents import CAREGIVER
 from avrgym.recording.schema import Answer
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage.answers import caregiver_answers, record_caregiver_answer
@@ -15,7 +15,7 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_session
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.request_body import posted_json
+from avrgym.vr.server.request_body import read_json_body
 
 MAX_BODY_BYTES = 1 << 10
 
@@ -63,7 +63,7 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
     @app.post("/answers")
     async def answer(request: Request) -> Response:
-        data = await posted_json(request, MAX_BODY_BYTES)
+        data = await read_json_body(request, MAX_BODY_BYTES)
         try:
             given = msgspec.json.decode(data, type=CaregiverAnswer)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -22,7 +22,7 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.server.authentication import Caller
 
-VIEW_ENDS_S = 600.0
+VIEW_TIMEOUT_S = 600.0
 """A view of a page ends after this time (in seconds) without a request. Pages send requests repeatedly."""
 VIEW_RESULTS = "view results"
 
@@ -77,7 +77,7 @@ class DashboardLog:
     def _begins(self, caller: Caller, name: str, pseudonym: str | None) -> bool:
         key, seen_s = (caller, name, pseudonym), time.monotonic()
         before_s, self._seen_s[key] = self._seen_s.get(key), seen_s
-        return before_s is None or seen_s - before_s > VIEW_ENDS_S
+        return before_s is None or seen_s - before_s > VIEW_TIMEOUT_S
 
 
 class LiveLog(DashboardLog):

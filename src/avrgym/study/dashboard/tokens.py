@@ -52,5 +52,5 @@ class StudyTokens(Tokens):
         """
         if not token:
             return ENTER_CODE
-        language = self.links.language_of_ended(token) or self.caregiver_links.language_of_ended(token)
+        language = self.links.language_of_expired(token) or self.caregiver_links.language_of_expired(token)
         return super().refusal(token) if language is None else replace(LINK_ENDED, language=language)

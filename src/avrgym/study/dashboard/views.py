@@ -10,9 +10,9 @@ import msgspec
 
 from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, Preferences, describe_preferences
+from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
-from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Metrics
 from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design
@@ -30,7 +30,7 @@ from avrgym.study.people.consents import describe, missing_role
 from avrgym.study.people.furniture import furniture_of
 from avrgym.study.people.participants import consent_text, participant_texts
 from avrgym.study.people.preferences import preferences_of
-from avrgym.study.people.retention import describe_due, today
+from avrgym.study.people.retention import describe_due_deletions, today
 from avrgym.study.storage.answers import attempts_with_open_questionnaire
 from avrgym.study.storage.identity_file import named_pseudonyms
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -271,7 +271,7 @@ def _short(store: Store) -> Iterator[str]:
 
 def _due(store: Store) -> Iterator[str]:
     """Yields a sentence for each kind of data whose retention period has ended."""
-    return (f"Retention: {words}." for words in describe_due(store, today()))
+    return (f"Retention: {words}." for words in describe_due_deletions(store, today()))
 
 
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:

@@ -31,7 +31,7 @@ def cell_orders(design: Design) -> tuple[Order, ...]:
 
 @cache
 def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
-    return balanced_orders(tasks, conditions, random_streams.condition_orders(seed))
+    return balanced_orders(tasks, conditions, random_streams.condition_order_generator(seed))
 
 
 def least_filled_cell(
@@ -57,7 +57,7 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
     cells = len(cell_orders(design))
     if site is None:
         return list(range(cells))
-    rng = random_streams.site_cells(design.seed, site)
+    rng = random_streams.site_cell_generator(design.seed, site)
     return [int(cell) for cell in rng.permutation(cells)]
 
 
@@ -68,7 +68,7 @@ def plan_trials(
 
     Practice robots and trial seeds differ between participants; both depend on the design's seed.
     """
-    rng = random_streams.trial_seeds(design.seed, participant, site)
+    rng = random_streams.trial_seed_generator(design.seed, participant, site)
     robots_of_tasks = practice_robots(design, participant)
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
@@ -88,7 +88,7 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)
-    rng = random_streams.practice_robots(design.seed, group)
+    rng = random_streams.practice_robot_generator(design.seed, group)
     shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
     return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
 

@@ -113,7 +113,7 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
         yield place, a, b
 
 
-def place_text(place: Place) -> str:
+def key_path_text(place: Place) -> str:
     """Returns the place as text, such as ``items 1.text``; array elements are counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")

@@ -21,7 +21,7 @@ class Block:
     conditions: tuple[int, ...]
 
 
-CANDIDATES = 200
+CANDIDATE_COUNT = 200
 """Number of random arrangements that are compared. The one with the most different rows within cells is used."""
 
 Order = tuple[Block, ...]
@@ -47,7 +47,7 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     condition_rows = _shuffled_square(conditions, rng)
     cells = lcm(len(task_rows), len(condition_rows))
     task_of = np.tile(task_rows, (cells // len(task_rows), 1))
-    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(CANDIDATES)]
+    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(CANDIDATE_COUNT)]
     row_of = max(spreads, key=_variety)
     return tuple(
         tuple(

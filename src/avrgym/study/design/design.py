@@ -19,7 +19,7 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_moment
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
-from avrgym.study.design.instruments import with_items
+from avrgym.study.design.instruments import add_instrument_items
 from avrgym.study.design.languages import check_languages
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
 from avrgym.study.design.retention import Retention, check_retention
@@ -43,7 +43,7 @@ from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 from avrgym.vr.session.headset_time import NO_RULES, SessionRules
 
 FILE = "study.toml"
-PROTOCOL = (
+FIXED_FIELDS = (
     "seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings", "conditions"
 )  # fmt: skip
 """Fields that must not change after the first participant was allocated to an order."""
@@ -193,11 +193,13 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def protocol(self) -> dict[str, Any]:
         """Returns the fields that determine orders and trials, as JSON values. Default settings are omitted."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
-        return {name: plain[name] for name in PROTOCOL if plain[name] != {}}
+        return {name: plain[name] for name in FIXED_FIELDS if plain[name] != {}}
 
     def policy_codes(self) -> dict[str, str]:
         """Returns a random letter for each policy. A blinded experimenter sees the letter instead of the name."""
-        order = random_streams.policy_codes(self.seed, len(self.policies)).permutation(len(self.policies))
+        order = random_streams.policy_code_generator(self.seed, len(self.policies)).permutation(
+            len(self.policies)
+        )
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:
@@ -238,7 +240,7 @@ def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Des
         Design,
         _TABLES,
         lambda design: _check(design, folder),
-        lambda values: with_items(values, folder),
+        lambda values: add_instrument_items(values, folder),
     )
 
 

@@ -33,7 +33,7 @@ class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     high: str = ""
 
 
-def with_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+def add_instrument_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Add the items of validated questionnaires to a design's values.
 
     Args:
@@ -60,7 +60,7 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
     return {"name": instrument.name} | table | {"items": items}
 
 
-def check_use(place: Place, questionnaire: Questionnaire) -> None:
+def check_instrument_weights(place: Place, questionnaire: Questionnaire) -> None:
     """Raise ``ValidationError`` for invalid weights, and for weights of a questionnaire that cannot have weights."""
     if questionnaire.weights is msgspec.UNSET:
         return

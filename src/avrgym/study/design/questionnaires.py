@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopRules
-from avrgym.study.design.instruments import check_use
+from avrgym.study.design.instruments import check_instrument_weights
 from avrgym.study.design.validation import ValidationError, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_lines import Place
 
@@ -19,7 +19,7 @@ def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
         check_id((*place, "name" if named else "use"), questionnaire.name, names)
         names.add(questionnaire.name)
         _check_moments(place, questionnaire)
-        check_use(place, questionnaire)
+        check_instrument_weights(place, questionnaire)
         for number, item in enumerate(questionnaire.items):
             own = (*place, "items", number) if questionnaire.instrument is None else (*place, "use")
             _check_item(own, item, ids)

@@ -9,7 +9,7 @@ import msgspec
 
 from avrgym.study.design.validation import ValidationError
 
-Period = Annotated[int, msgspec.Meta(ge=0, le=1200)]
+Months = Annotated[int, msgspec.Meta(ge=0, le=1200)]
 IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
 
 
@@ -21,9 +21,9 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     ended_on: str = ""
-    identities_months: Period | None = None
-    recordings_years: Period | None = None
-    data_years: Period | None = None
+    identities_months: Months | None = None
+    recordings_years: Months | None = None
+    data_years: Months | None = None
 
     @property
     def months(self) -> Mapping[str, int]:

@@ -5,8 +5,8 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from avrgym.study.export.records import NO_EXTRAS, Extras
-from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verify_attempts
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions
+from avrgym.study.export.trials import ExportedAttempt, OmittedAttempt, completed_attempts, verify_attempts
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -26,7 +26,7 @@ FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
 """Formats that can contain camera images."""
 LEFT_OUT_FILE = "left_out.csv"
 """File name of the table of omitted recordings."""
-Write = Callable[..., None]
+WriteFormat = Callable[..., None]
 """Function that writes undamaged completed attempts into a folder. ``FORMATS_WITH_RECORDS`` also accept extras."""
 
 NOTICE = (
@@ -41,7 +41,7 @@ def export_study(
     out: Path,
     *,
     skip_damaged: bool = False,
-    extras: Extras = NO_EXTRAS,
+    extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
     cameras: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, all_: None,
     report: Callable[[str], None] = lambda text: None,
@@ -70,7 +70,7 @@ def export_study(
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
-    if extras != NO_EXTRAS and data_format not in FORMATS_WITH_RECORDS:
+    if extras != DEFAULT_EXPORT_OPTIONS and data_format not in FORMATS_WITH_RECORDS:
         raise StudyError(
             f"{data_format} cannot contain free text and data on health; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
         )
@@ -92,15 +92,19 @@ def export_study(
     return sum(path.is_file() for path in out.rglob("*"))
 
 
-def _refusal(left_out: Sequence[LeftOut]) -> str:
+def _refusal(left_out: Sequence[OmittedAttempt]) -> str:
     faults = "; ".join(each.reason for each in left_out)
     return f"nothing was exported: {faults}; --skip-damaged omits damaged and missing recordings"
 
 
 def _write(
-    store: Store, write: Write, sound: Sequence[ExportedAttempt], left_out: Sequence[LeftOut], folder: Path
+    store: Store,
+    write: WriteFormat,
+    sound: Sequence[ExportedAttempt],
+    left_out: Sequence[OmittedAttempt],
+    folder: Path,
 ) -> None:
-    from avrgym.study.export.rows import LeftOutRow
+    from avrgym.study.export.rows import OmittedAttemptRow
     from avrgym.study.export.table_files import write_csv
 
     write(store, sound, folder)
@@ -108,7 +112,7 @@ def _write(
     if left_out:
         write_csv(
             folder / LEFT_OUT_FILE,
-            [LeftOutRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
+            [OmittedAttemptRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
         )
 
 
@@ -120,7 +124,7 @@ def _add_losses(store: Store, folder: Path) -> None:
             file.write("".join(f"\n{each}\n" for each in words))
 
 
-def _writer(data_format: str) -> Write:
+def _writer(data_format: str) -> WriteFormat:
     try:
         return import_module(f"{__name__}.{FORMATS[data_format]}").write
     except ModuleNotFoundError as error:

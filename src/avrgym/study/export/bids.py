@@ -16,16 +16,16 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT_FILE, NOTICE
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.physio import Series, corrected_text_streams, recorded_series, text_events
-from avrgym.study.export.records import NO_EXTRAS, Extras, record_tables, write_table
+from avrgym.study.export.physio import StreamSeries, corrected_text_streams, recorded_series, text_events
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, record_tables, write_table
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.store import Store
 
-VERSION = "1.11.1"
-TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
+BIDS_VERSION = "1.11.1"
+TRACKED_POINTS = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """BIDS name of the tracked point, by field of a tracking frame."""
 RECORDS_FOLDER = "sourcedata"
 """Folder for events, adverse events and notes. BIDS does not define its contents."""
@@ -40,7 +40,10 @@ CONDITION_COLUMNS = {
 
 
 def write(
-    store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
+    store: Store,
+    completed: Sequence[ExportedAttempt],
+    folder: Path,
+    extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
     """Write completed attempts as a BIDS data set."""
     write_json(folder / "dataset_description.json", _description(store))
@@ -58,7 +61,7 @@ def write(
 def _description(store: Store) -> dict[str, Any]:
     return {
         "Name": store.design.title,
-        "BIDSVersion": VERSION,
+        "BIDSVersion": BIDS_VERSION,
         "DatasetType": "raw",
         "GeneratedBy": [{"Name": "AVR Gym"}],
         "Acknowledgements": NOTICE,
@@ -146,7 +149,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
         _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
 
 
-def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
+def _write_series(series: StreamSeries, exported: ExportedAttempt, path: Path) -> None:
     """Write samples as gzip, without name and date: equal studies give equal bytes. Also write their JSON file."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
@@ -176,7 +179,7 @@ def _write_events(
 
 def _channels() -> Iterator[dict[str, Any]]:
     yield _channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a")
-    for point in TRACKED.values():
+    for point in TRACKED_POINTS.values():
         for axis in AXES:
             yield _channel(f"{point}_{axis}", axis, "POS", point, "m", REFERENCE_FRAME)
         for component in QUATERNION:
@@ -209,7 +212,7 @@ def _reference_frame() -> dict[str, Any]:
 def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channels: int) -> dict[str, Any]:
     duration_s = frames[-1].received_time_s - frames[0].received_time_s if frames else 0.0
     rate_hz = (len(frames) - 1) / duration_s if duration_s > 0 else 0.0
-    points = len(TRACKED)
+    points = len(TRACKED_POINTS)
     return {
         "TaskName": exported.trial.task,
         "TaskDescription": f"A virtual {exported.trial.robot} helps the participant: {exported.trial.task}.",
@@ -230,7 +233,7 @@ def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channel
 
 def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
     row: list[float | None] = [frame.received_time_s - first.received_time_s]
-    for field in TRACKED:
+    for field in TRACKED_POINTS:
         pose: Pose | None = getattr(frame, field)
         row += [*pose.position, *pose.orientation] if pose else [None] * (len(AXES) + len(QUATERNION))
         row.append(float(_is_followed(frame, field)))

@@ -26,7 +26,7 @@ ROWS: Mapping[str, type] = {
     "functioning": rows.FunctioningCountRow,
     "functioning_by_person": rows.FunctioningRow,
     "notes": rows.NoteRow,
-    "left_out": rows.LeftOutRow,
+    "left_out": rows.OmittedAttemptRow,
 }
 """The row type of each table."""
 TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, row in ROWS.items()}

@@ -24,7 +24,7 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.observation import value_names
 from avrgym.tasks.registry import TASKS
 
-VERSION = "v3.0"
+LEROBOT_VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -196,7 +196,7 @@ def _task_table(tasks: Sequence[str]) -> pa.Table:
 def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> dict[str, Any]:
     names = _names(attempts[0])
     return {
-        "codebase_version": VERSION,
+        "codebase_version": LEROBOT_VERSION,
         "robot_type": attempts[0].trial.robot,
         "total_episodes": len(attempts),
         "total_frames": len(whole["index"]),

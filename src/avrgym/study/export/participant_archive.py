@@ -11,7 +11,14 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import msgspec
 
 from avrgym.study.export.codebook import TABLES, codebook
-from avrgym.study.export.records import NO_EXTRAS, Extras, adverse_event_rows, event_rows, log_rows, note_rows
+from avrgym.study.export.records import (
+    DEFAULT_EXPORT_OPTIONS,
+    ExportOptions,
+    adverse_event_rows,
+    event_rows,
+    log_rows,
+    note_rows,
+)
 from avrgym.study.export.rows import EventRow
 from avrgym.study.export.scores import scale_rows, uses_instruments
 from avrgym.study.export.table_files import write_csv
@@ -24,7 +31,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import private_opener
 
-INDEX = "README.md"
+INDEX_FILE = "README.md"
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
 """Events whose detail can contain pseudonyms of other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
@@ -103,7 +110,7 @@ def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
         name: _own(rows, person)
         for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items()
     }
-    everything, design = Extras(free_text=True), answered_items.design
+    everything, design = ExportOptions(free_text=True), answered_items.design
     return {
         **tables,
         "items": item_rows(design),
@@ -113,7 +120,7 @@ def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
         "adverse_events": [
             replace(row, recorded_by=None) for row in adverse_event_rows(store, [person], everything)
         ],
-        "log": _own(log_rows(store, NO_EXTRAS), person),
+        "log": _own(log_rows(store, DEFAULT_EXPORT_OPTIONS), person),
     }
 
 
@@ -132,10 +139,10 @@ def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> lis
     files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}
     index = _index(store, person, list(files))
     with open(archive, "xb", opener=private_opener) as file, ZipFile(file, "w", ZIP_DEFLATED) as packed:
-        packed.writestr(INDEX, index)
+        packed.writestr(INDEX_FILE, index)
         for name, path in files.items():
             packed.write(path, name)
-    return [INDEX, *files]
+    return [INDEX_FILE, *files]
 
 
 def _files(folder: Path) -> list[Path]:

@@ -27,13 +27,13 @@ TIMESTAMP = {
     "Description": "Time of the sample, from the first tracking frame on; clocks are synchronised.",
     "Units": "s",
 }
-CORRECTED = (
+CORRECTION_NOTE = (
     "If the device's clock jumped, times are corrected by the arrival of samples. They never decrease."
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class StreamSeries:
     """Samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
 
     ``columns``: column names. ``labels`` and ``units``: the device's channel names and units. ``time_corrections``:
@@ -74,7 +74,7 @@ class Series:
         }
 
 
-def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
+def recorded_series(topics: Topics, start_s: float) -> Iterator[StreamSeries]:
     """Yields the numeric streams of a recording. ``start_s``: time of the first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in stream_chunks(topics, name) if each[1].values]
@@ -114,7 +114,7 @@ def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     if not times.resets and not times.raised:
         return {}
     return {
-        "Correction": CORRECTED,
+        "Correction": CORRECTION_NOTE,
         "ClockResets": [
             {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.resets
         ],
@@ -122,7 +122,7 @@ def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     }
 
 
-def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> Series:
+def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> StreamSeries:
     """Returns the stream's columns in the device's order, with gaze coordinates first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
@@ -136,7 +136,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
                 *(i for i in column_order if i not in first),
             ]
             names = {**names, **dict(zip(column_order, COORDINATES, strict=False))}
-    return Series(
+    return StreamSeries(
         stream,
         [names[i] for i in column_order],
         [labels[i] for i in column_order],

@@ -26,7 +26,7 @@ Rows = Sequence[object]
 
 
 @dataclass(frozen=True)
-class Extras:
+class ExportOptions:
     """Data that are exported only on request.
 
     ``free_text``: free text, and names of experimenters. ``health``: each person's answers about functioning.
@@ -36,11 +36,11 @@ class Extras:
     health: bool = False
 
 
-NO_EXTRAS = Extras()
+DEFAULT_EXPORT_OPTIONS = ExportOptions()
 """No data that are exported only on request."""
 
 
-def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
+def record_tables(store: Store, extras: ExportOptions) -> dict[str, Rows]:
     """Returns the rows of the tables of events, adverse events, functioning and notes, by table name."""
     people = store.participants()
     tables: dict[str, Rows] = {
@@ -54,7 +54,7 @@ def record_tables(store: Store, extras: Extras) -> dict[str, Rows]:
     return tables | ({"notes": list(note_rows(store, people))} if extras.free_text else {})
 
 
-def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> Iterator[EventRow]:
+def event_rows(store: Store, people: Iterable[Participant], extras: ExportOptions) -> Iterator[EventRow]:
     """Yields the events of these participants and of the whole study, in the order in which they were stored."""
     known = {person.number: person for person in people}
     sessions, attempts = _session_numbers(store, known.values()), _attempts(store, known.values())
@@ -79,7 +79,7 @@ def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> I
 
 
 def adverse_event_rows(
-    store: Store, people: Iterable[Participant], extras: Extras
+    store: Store, people: Iterable[Participant], extras: ExportOptions
 ) -> Iterator[AdverseEventRow]:
     """Yields all reports of all adverse events of these participants."""
     for person in people:
@@ -119,7 +119,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
             yield NoteRow(person.pseudonym, person.site, person.simulated, session, note.at, note.text)
 
 
-def log_rows(store: Store, extras: Extras) -> Iterator[LogRow]:
+def log_rows(store: Store, extras: ExportOptions) -> Iterator[LogRow]:
     """Yields all entries of the audit log. Each experimenter has a number, or with ``free_text`` a name."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
@@ -152,7 +152,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} is not empty; choose another folder")
-    rows = list(adverse_event_rows(store, store.participants(), Extras(free_text=True)))
+    rows = list(adverse_event_rows(store, store.participants(), ExportOptions(free_text=True)))
     write_folder_atomically(out, lambda folder: write_table(folder, "adverse_events", rows))
 
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from avrgym.commands.input_names import INPUT_METHODS
+from avrgym.commands.respondents import CONSENT_ROLES, RESPONDENTS
 from avrgym.models.human import SEXES
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.recording.respondents import CONSENT_ROLES, RESPONDENTS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
@@ -240,7 +240,7 @@ class AttemptRow(AttemptIdentifiers):
 
 
 @dataclass(frozen=True)
-class LeftOutRow(AttemptIdentifiers):
+class OmittedAttemptRow(AttemptIdentifiers):
     """An attempt whose recording was omitted."""
 
     reason: Annotated[str, Column("Why the recording was left out.")]

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from avrgym.commands.respondents import RESPONDENTS
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import Questionnaire
-from avrgym.recording.respondents import RESPONDENTS
 from avrgym.study.design.design import Design
 from avrgym.study.export.rows import ScaleRow, ScoreRow
 from avrgym.study.export.trials import ExportedAnswer
@@ -16,7 +16,7 @@ from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
-When = tuple[int, int, str]
+AnswerTime = tuple[int, int, str]
 """Time of answers: id of the attempt (0 without an attempt), id of the session, and moment."""
 
 
@@ -62,7 +62,7 @@ def scores_of(
     weighting questionnaire: the answers at the same time, or else the latest answers.
     """
     sessions = store.sessions(participant.pseudonym)
-    answers_by_questionnaire: dict[tuple[str, When], list[ExportedAnswer]] = {}
+    answers_by_questionnaire: dict[tuple[str, AnswerTime], list[ExportedAnswer]] = {}
     for answer in answers:
         if _is_of_instrument(answer):
             key = answer.questionnaire.name, _moment(answer, sessions)
@@ -119,7 +119,7 @@ def _is_of_instrument(answer: ExportedAnswer) -> bool:
     return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
 
 
-def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
+def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> AnswerTime:
     if answer.stored.attempt is not None:
         return answer.stored.attempt, answer.stored.session, answer.moment
     return 0, sessions_of_visit(sessions, answer.stored.session)[0], answer.moment
@@ -139,8 +139,8 @@ def _scores(
 def _weights(
     design: Design,
     questionnaire: Questionnaire,
-    when: When,
-    given: Mapping[tuple[str, When], Mapping[str, int]],
+    when: AnswerTime,
+    given: Mapping[tuple[str, AnswerTime], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
     """Returns the weights for a questionnaire's weighted score at one time; ``None`` without weights."""
     if questionnaire.weights is not msgspec.UNSET:

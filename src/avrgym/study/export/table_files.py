@@ -25,7 +25,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
             if number == 0:
                 heading = []
                 writer.writerow(row)
-            writer.writerow(spreadsheet_safe(value) for value in row.values())
+            writer.writerow(escape_formula(value) for value in row.values())
         if heading:
             writer.writerow(heading)
 
@@ -44,11 +44,11 @@ def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
 
 def tsv_cell(value: Any) -> str:
     """Returns the value as text without tabs and line breaks; ``n/a`` if the text is empty."""
-    text = " ".join(str(spreadsheet_safe(value)).split()) if value is not None else ""
+    text = " ".join(str(escape_formula(value)).split()) if value is not None else ""
     return text or "n/a"
 
 
-def spreadsheet_safe(value: Any) -> Any:
+def escape_formula(value: Any) -> Any:
     """Returns the value for a table: booleans become ``true`` or ``false``, and possible formulas get an apostrophe."""
     if isinstance(value, bool):
         return str(value).lower()

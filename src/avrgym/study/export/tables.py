@@ -18,7 +18,7 @@ from avrgym.study.export.codebook import (
     codebook,
     reward_terms,
 )
-from avrgym.study.export.records import NO_EXTRAS, Extras, log_rows, record_tables
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, log_rows, record_tables
 from avrgym.study.export.rows import AttemptRow, ConsentRow, ControlStepRow, ItemRow, ParticipantRow, TrialRow
 from avrgym.study.export.scores import scale_rows, scores_of, uses_instruments
 from avrgym.study.export.table_files import write_csv
@@ -36,7 +36,10 @@ Heights = Mapping[int, float | None]
 
 
 def write(
-    store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
+    store: Store,
+    completed: Sequence[ExportedAttempt],
+    folder: Path,
+    extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
     """Write all tables into a folder. ``completed``: the attempts in the table of control steps."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrgym.array_types import NumpyArray
+from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.cameras import as_cameras, image_entries
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
@@ -14,13 +15,12 @@ from avrgym.recording.reader import (
     read_header,
     read_recording,
 )
-from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Control
 from avrgym.recording.world import recorded_images
 from avrgym.robots.registry import find_robot
 from avrgym.study.export.rows import AnswerIdentifiers, AnswerRow, AttemptIdentifiers
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, recording_sha256
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudyAnswer, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -68,7 +68,7 @@ class ExportedAttempt:
 
     def is_changed(self) -> bool:
         """Returns whether the recording exists, but has changed since the attempt was completed."""
-        return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
+        return recording_sha256(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:
         """Returns the torso height of the participant's body model in this trial."""
@@ -215,7 +215,7 @@ def answers_of(
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class OmittedAttempt:
     """A completed attempt whose recording cannot be exported. ``reason`` begins with the recording's name."""
 
     attempt: ExportedAttempt
@@ -224,19 +224,19 @@ class LeftOut:
 
 def verify_attempts(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
-) -> tuple[list[ExportedAttempt], list[LeftOut]]:
+) -> tuple[list[ExportedAttempt], list[OmittedAttempt]]:
     """Split attempts into those with a complete, unchanged recording, and those that cannot be exported.
 
     ``progress``: called with the number of recordings read and their total number.
     """
     sound: list[ExportedAttempt] = []
-    left_out: list[LeftOut] = []
+    left_out: list[OmittedAttempt] = []
     for number, exported in enumerate(attempts, start=1):
         try:
             exported.read_whole()
             sound.append(exported)
         except StudyError as error:
-            left_out.append(LeftOut(exported, str(error)))
+            left_out.append(OmittedAttempt(exported, str(error)))
         progress(number, len(attempts))
     return sound, left_out
 

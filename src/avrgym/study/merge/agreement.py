@@ -7,11 +7,11 @@ from typing import Any
 import msgspec
 
 from avrgym.study.checking.policy_files import policy_files
-from avrgym.study.design.comparison import differences, place_text, value_text
+from avrgym.study.design.comparison import differences, key_path_text, value_text
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import SITE_FIELDS
 from avrgym.study.design.validation import read_text
-from avrgym.study.plan.frozen_plan import FROZEN, read_frozen_plan
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, read_frozen_plan
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -46,17 +46,17 @@ def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[st
 
 def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
     for place, here, there in differences(_texts(a), _texts(b)):
-        yield f"texts in {place_text(place)}", here, there
+        yield f"texts in {key_path_text(place)}", here, there
     for place, here, there in differences(_policies(a), _policies(b)):
-        yield f"the checksum of {place_text(place)}", here, there
+        yield f"the checksum of {key_path_text(place)}", here, there
     if _plan(a) != _plan(b):
-        yield f"the frozen plan's checksum ({FROZEN})", _plan(a), _plan(b)
+        yield f"the frozen plan's checksum ({FROZEN_PLAN_FILE})", _plan(a), _plan(b)
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
     """Returns a difference between two designs as text, with the line of the value in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
-    return _difference_text(f"{DESIGN}: {place_text(place)}", here, there, *at)
+    return _difference_text(f"{DESIGN}: {key_path_text(place)}", here, there, *at)
 
 
 def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import sqlalchemy as sa
 import tomlkit
 
-from avrgym.study.checking.preflight import policies_needed
+from avrgym.study.checking.preflight import needed_policies
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import SITE_FIELDS
 from avrgym.study.design.languages import text_files
@@ -26,7 +26,7 @@ from avrgym.study.merge.agreement import find_differences
 from avrgym.study.merge.source_studies import SiteStudy, check_continuation, check_distinct, read_site_study
 from avrgym.study.merge.transfer import Recording, Rows, recordings_of, rows_by_participant, store_rows
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.plan.frozen_plan import FROZEN
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP
 from avrgym.study.storage import hash_chain, schema
@@ -74,9 +74,15 @@ def _own_files(store: Store) -> Iterator[Path]:
     """Yields the files that the design and the plan need, relative to the study's folder."""
     own = [
         store.folder / name
-        for name in (PLAN, FROZEN, TIME_STAMP, REGISTRATION, *text_files(store.design, store.folder))
+        for name in (
+            PLAN,
+            FROZEN_PLAN_FILE,
+            TIME_STAMP,
+            REGISTRATION,
+            *text_files(store.design, store.folder),
+        )
     ]
-    own += [Path(store.policy_source(*needed)) for needed in policies_needed(store)]
+    own += [Path(store.policy_source(*needed)) for needed in needed_policies(store)]
     for path in dict.fromkeys(own):
         if path.is_relative_to(store.folder) and path.is_file():
             yield path.relative_to(store.folder)

@@ -22,7 +22,7 @@ from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomica
 _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
 
-def merged_name(text: str, site: int) -> str:
+def merged_path(text: str, site: int) -> str:
     """Convert the path of a recording to its path in the merged study; text after the path is not changed."""
     match = _IN_RECORDINGS.match(text)
     if match is None:
@@ -87,7 +87,7 @@ def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Record
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
         name = row["recording"]
-        target = folder / merged_name(name, site)
+        target = folder / merged_path(name, site)
         yield Recording(
             row["id"],
             participants[row["session"]],
@@ -157,7 +157,7 @@ def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
     if table is schema.LOG and row["participant"] is not None:
         moved["participant"] = merged_participant_number(site, row["participant"])
     if name := _NAMING_RECORDINGS.get(table.name):
-        moved[name] = merged_name(row[name], site)
+        moved[name] = merged_path(row[name], site)
     return moved
 
 

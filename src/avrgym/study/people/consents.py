@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.commands.respondents import CONSENT_ROLES
 from avrgym.recording.configuration import RecordedConsent
-from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
 from avrgym.study.storage.schema import now
@@ -18,7 +18,7 @@ from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_
 
 
 @dataclass(frozen=True)
-class ShownText:
+class DisplayedConsentText:
     """The design's consent text in one language."""
 
     version: str
@@ -32,7 +32,10 @@ class ShownText:
 
 
 def consents_to_other_texts(
-    shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
+    shown: DisplayedConsentText,
+    consents: Iterable[Consent],
+    archive: Iterable[ConsentText],
+    first_language: str,
 ) -> list[Consent]:
     """Returns the consents to another text than ``shown``, with the same version and language. White space is not
     compared.
@@ -53,7 +56,7 @@ def consents_to_other_texts(
 def store_consent(
     connection: sa.Connection,
     participant: Participant,
-    shown: ShownText,
+    shown: DisplayedConsentText,
     first_language: str,
     role: str,
     *,
@@ -133,14 +136,14 @@ def restore_consents(
             _archived(connection, shown, find_all(connection, ConsentText))
 
 
-def current_text(store: Store, language: str) -> ShownText | None:
+def current_text(store: Store, language: str) -> DisplayedConsentText | None:
     """Returns the design's consent text in a language; ``None`` if the language has no texts."""
     consent = store.design.consent
     try:
         text = read_texts(language, store.folder).translate(consent.text)
     except TextsError:
         return None
-    return ShownText(consent.version, language, text)
+    return DisplayedConsentText(consent.version, language, text)
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
@@ -148,7 +151,7 @@ def consenting_participants(consents: Iterable[Consent]) -> str:
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 
-def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
+def _archived(connection: sa.Connection, shown: DisplayedConsentText, archive: Iterable[ConsentText]) -> str:
     """Add the text to the archive if it is new. Returns the checksum of the archived text."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)

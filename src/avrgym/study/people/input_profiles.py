@@ -11,7 +11,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
 
 
-def checked_profile(values: Mapping[str, Any]) -> InputProfile:
+def parse_profile(values: Mapping[str, Any]) -> InputProfile:
     """Returns the input profile of a table of values. Raises ``StudyError`` if it is impossible."""
     try:
         return read_profile(values)

@@ -6,14 +6,14 @@ from dataclasses import asdict
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.commands.respondents import CONSENT_ROLES
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME
-from avrgym.study.people.consents import ShownText, is_complete, restore_consents, store_consent
+from avrgym.study.people.consents import DisplayedConsentText, is_complete, restore_consents, store_consent
 from avrgym.study.people.identities import check_duplicate
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
@@ -33,7 +33,7 @@ from avrgym.study.storage.store import (
 from avrgym.study.storage.study_folder import used_numbers
 from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
-RECONSENTED = "participant consented again"
+RECONSENT_EVENT = "participant consented again"
 """Name of the event of a consent to a new version of the text."""
 CONSENT_INCOMPLETE = "consent incomplete"
 """Name of the event of a proxy consent without assent, or of an assent without proxy consent."""
@@ -133,10 +133,10 @@ def participant_texts(store: Store, participant: Participant) -> Texts:
         raise StudyError(str(error)) from None
 
 
-def consent_text(store: Store, participant: Participant) -> ShownText:
+def consent_text(store: Store, participant: Participant) -> DisplayedConsentText:
     """Returns the design's consent text in the participant's language."""
     texts, consent = participant_texts(store, participant), store.design.consent
-    return ShownText(consent.version, texts.language, texts.translate(consent.text))
+    return DisplayedConsentText(consent.version, texts.language, texts.translate(consent.text))
 
 
 def record_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -> bool:
@@ -171,7 +171,7 @@ def record_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -
         }
         if again:
             hash_chain.update(connection, schema.PARTICIPANT, participant.number, **values)
-            record_event(connection, RECONSENTED, detail, about)
+            record_event(connection, RECONSENT_EVENT, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
     return True

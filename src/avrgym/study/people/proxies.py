@@ -1,6 +1,6 @@
 """Proxies who answer questionnaires for a participant. Their answers are marked in all tables and figures."""
 
-from avrgym.recording.respondents import ANSWERING
+from avrgym.commands.respondents import ANSWERING
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event

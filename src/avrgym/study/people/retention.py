@@ -13,7 +13,7 @@ from avrgym.study.storage.rows import StudyEvent, participant_number
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 
-EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
+DELETION_EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
 """Event of a scheduled deletion, by kind of data. A deletion of ``DATA`` creates a tombstone instead."""
 DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
@@ -56,7 +56,7 @@ def due(store: Store, day: date) -> list[ScheduledDeletion]:
     return [each for each in schedule(store) if each.is_due(day)]
 
 
-def describe_due(store: Store, day: date) -> Iterator[str]:
+def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
     """Yields the texts about data whose deletion is due, and about a missing end date of the study."""
     retention = store.design.retention
     for each in due(store, day):
@@ -69,7 +69,7 @@ def describe_due(store: Store, day: date) -> Iterator[str]:
         yield "all planned participants have completed: set ended_on in [retention] of study.toml"
 
 
-def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
+def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
     """Delete all data whose deletion is due on ``day``. Yields kind of data and participant after each deletion.
 
     ``DATA`` is deleted by ``delete_participant``. After a crash, a second call completes the deletions.
@@ -92,10 +92,10 @@ def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
         raise StudyError("; ".join(errors))
 
 
-def recordings_deleted(store: Store) -> Mapping[int, str]:
+def recording_deletion_times(store: Store) -> Mapping[int, str]:
     """Returns the time of the scheduled deletion of recordings, by participant number."""
     with store.database.read() as connection:
-        events = find_all(connection, StudyEvent, name=EVENTS[RECORDINGS])
+        events = find_all(connection, StudyEvent, name=DELETION_EVENTS[RECORDINGS])
     return {event.participant: event.at for event in events if event.participant is not None}
 
 
@@ -104,7 +104,7 @@ def _delete(store: Store, kind: str, pseudonym: str) -> None:
         delete_participant(store, pseudonym)
         return
     with store.database.write() as connection:
-        record_event(connection, EVENTS[kind], "", {"participant": participant_number(pseudonym)})
+        record_event(connection, DELETION_EVENTS[kind], "", {"participant": participant_number(pseudonym)})
         if kind == IDENTITIES:
             identity_file.remove_entry(store.folder, pseudonym)
     folder = store.folder / FOLDER / pseudonym

@@ -7,10 +7,10 @@ controller completes the drafts.
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from avrgym.recording.respondents import CAREGIVER
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.study.design.description import describe_procedure
 from avrgym.study.design.design import Design
-from avrgym.study.plan.preregistration import as_markdown, bullet_list, write_draft
+from avrgym.study.plan.preregistration import bullet_list, format_markdown, write_draft
 from avrgym.study.storage.store import Store
 
 FOLDER = "data-protection"
@@ -42,10 +42,10 @@ def write_data_protection(store: Store) -> list[Path]:
     folder.mkdir(mode=0o700, exist_ok=True)
     title = design.title
     drafts = {
-        "impact-assessment.md": as_markdown(
+        "impact-assessment.md": format_markdown(
             f"{title}: data protection impact assessment", DRAFT, _assessment(design)
         ),
-        "record-of-processing.md": as_markdown(
+        "record-of-processing.md": format_markdown(
             f"{title}: record of processing activities", DRAFT, _record(design)
         ),
     }

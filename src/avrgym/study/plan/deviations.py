@@ -16,8 +16,8 @@ from avrgym.study.checking.design_checks import (
 )
 from avrgym.study.checking.finding import ExcludedTrial, Finding
 from avrgym.study.checking.interim_looks import check_interim_looks
-from avrgym.study.checking.policy_files import PolicyFile, policies_used, policy_file_text, policy_files
-from avrgym.study.checking.preflight import plugins_needed
+from avrgym.study.checking.policy_files import PolicyFile, policy_file_text, policy_files, used_policies
+from avrgym.study.checking.preflight import needed_plugins
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.design.comparison import (
     MISSING,
@@ -25,14 +25,14 @@ from avrgym.study.design.comparison import (
     Wordings,
     comparable_values,
     differences,
-    place_text,
+    key_path_text,
     read_wordings,
     value_text,
 )
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design, DesignError, parse_design
 from avrgym.study.design.languages import text_files
-from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, PlanRecord, sha256, software_versions
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, PlanRecord, sha256, software_versions
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, AvailableTests
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import describe_trials, session_designs
@@ -62,7 +62,9 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
             _, participants = differing.pop((name, change[0], value_text(change[2])), (None, ""))
             yield deviation(name, changed(*change) + (f", for {participants}" if participants else ""))
     for (name, place, value), (before, participants) in differing.items():
-        yield deviation(name, f"{place_text(place)} was {before} in the plan and {value} for {participants}")
+        yield deviation(
+            name, f"{key_path_text(place)} was {before} in the plan and {value} for {participants}"
+        )
     for name in text_files(store.design, store.folder):
         if record.texts is not None and name not in record.texts:
             yield deviation(name, "was added")
@@ -108,7 +110,7 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")
         try:
-            design = parse_design(record.design, FROZEN, folder)
+            design = parse_design(record.design, FROZEN_PLAN_FILE, folder)
             return design, None if record.texts is None else read_wordings(design, folder)
         except (DesignError, TextsError):
             return None
@@ -144,10 +146,10 @@ def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
 def changed(place: Place, before: Any, after: Any) -> str:
     """Returns the description of a difference; a missing value is ``MISSING``."""
     if before is MISSING:
-        return f"{place_text(place)} was added: {value_text(after)}"
+        return f"{key_path_text(place)} was added: {value_text(after)}"
     if after is MISSING:
-        return f"{place_text(place)} was removed; it was {value_text(before)}"
-    return f"{place_text(place)} was {value_text(before)}, is {value_text(after)}"
+        return f"{key_path_text(place)} was removed; it was {value_text(before)}"
+    return f"{key_path_text(place)} was {value_text(before)}, is {value_text(after)}"
 
 
 def deviation(where: str, message: str) -> Finding:
@@ -171,7 +173,7 @@ def deviations(
         left_out: findings about trials that are excluded from the analysis.
         optional_tests: optional tests; they are exploratory if the plan does not name them.
     """
-    found = [Finding(FROZEN, fault) for fault in frozen.faults]
+    found = [Finding(FROZEN_PLAN_FILE, fault) for fault in frozen.faults]
     if frozen.record is None:
         return found
     return [
@@ -201,13 +203,13 @@ def _software(record: PlanRecord) -> Iterator[Finding]:
 
 def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
     """Yields findings about plug-ins that differ from the frozen record."""
-    for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
+    for difference in plugin_differences(record.plugins or (), needed_plugins(store)):
         yield deviation("plug-ins", difference)
 
 
 def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
     present = {(each.environment, each.policy): each for each in policy_files(store)}
-    used = policies_used(store)
+    used = used_policies(store)
     for before in record.policies:
         key = before.environment, before.policy
         after = present.get(key)

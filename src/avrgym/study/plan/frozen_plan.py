@@ -16,7 +16,7 @@ import sqlalchemy as sa
 
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.policy_files import PolicyFile, policy_files
-from avrgym.study.checking.preflight import plugins_needed, policy_errors
+from avrgym.study.checking.preflight import needed_plugins, policy_errors
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
@@ -36,7 +36,7 @@ from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
 
-FROZEN = "plan-frozen.json"
+FROZEN_PLAN_FILE = "plan-frozen.json"
 PLAN_FROZEN = "plan frozen"
 PLAN_ADOPTED = "plan adopted"
 """Names of events. The event's detail is the record's SHA-256. An adopted plan was frozen at another station."""
@@ -62,7 +62,7 @@ class PlanRecord(msgspec.Struct, frozen=True):
 
     def parsed(self) -> Plan:
         """Parse the frozen plan."""
-        return parse_frozen_plan(self.plan, FROZEN)
+        return parse_frozen_plan(self.plan, FROZEN_PLAN_FILE)
 
 
 def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
@@ -82,7 +82,7 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
         raise StudyError(f"nothing was frozen: policy {name}: {fault}")
     record = _record(store, text)
     data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
-    path = store.folder / FROZEN
+    path = store.folder / FROZEN_PLAN_FILE
     with store.write() as connection:
         _check_untouched(store, connection)
         record_event(connection, PLAN_FROZEN, sha256(data), {})
@@ -92,7 +92,7 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
 
 def may_adopt(store: Store) -> bool:
     """Returns whether the folder contains a frozen plan from another station, without an event in the database."""
-    return (store.folder / FROZEN).exists() and not _noted(store)
+    return (store.folder / FROZEN_PLAN_FILE).exists() and not _noted(store)
 
 
 def adopt_plan(store: Store) -> PlanRecord:
@@ -101,11 +101,11 @@ def adopt_plan(store: Store) -> PlanRecord:
     Raises:
         StudyError: if the file is not a frozen plan, after the first participant, or after a rebuild of the database.
     """
-    data = (store.folder / FROZEN).read_bytes()
+    data = (store.folder / FROZEN_PLAN_FILE).read_bytes()
     try:
         record = msgspec.json.decode(data, type=PlanRecord)
     except ValueError as error:
-        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; restore a backup") from None
+        raise StudyError(f"{store.folder / FROZEN_PLAN_FILE} is damaged: {error}; restore a backup") from None
     with store.write() as connection:
         _check_nobody_took_part(connection)
         record_event(connection, PLAN_ADOPTED, sha256(data), {})
@@ -124,7 +124,7 @@ def check_can_freeze(store: Store) -> None:
 
 
 def _check_untouched(store: Store, connection: sa.Connection) -> None:
-    if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=PLAN_FROZEN):
+    if (store.folder / FROZEN_PLAN_FILE).exists() or find_all(connection, StudyEvent, name=PLAN_FROZEN):
         raise StudyError(
             f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
         )
@@ -157,7 +157,7 @@ def _record(store: Store, plan: str) -> PlanRecord:
         plan=plan,
         design=read_text(store.folder / DESIGN),
         texts={name: read_text(store.folder / name) for name in texts},
-        plugins=plugins_needed(store),
+        plugins=needed_plugins(store),
     )
 
 
@@ -171,7 +171,7 @@ def software_versions() -> dict[str, str]:
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
-UNKNOWN = "an unknown time"
+UNKNOWN_TIME = "an unknown time"
 UNKNOWN_ORIGIN = (
     "is of unknown date and not confirmatory: its checksum is not in the database; restore a backup of the database, "
     "or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
@@ -204,12 +204,12 @@ class FrozenPlan:
 
     @property
     def at(self) -> str:
-        """The time since which the plan is known to exist, as text; ``UNKNOWN`` if there is none."""
+        """The time since which the plan is known to exist, as text; ``UNKNOWN_TIME`` if there is none."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
         if self.stamp is not None and self.is_proven:
             return self.stamp.at.isoformat()
-        return UNKNOWN
+        return UNKNOWN_TIME
 
     @property
     def origin_text(self) -> str:
@@ -248,7 +248,7 @@ def _minute(at: str) -> str:
 
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
     """Returns the frozen plan of a study; ``None`` if there is none."""
-    path = store.folder / FROZEN
+    path = store.folder / FROZEN_PLAN_FILE
     with store.database.read() as connection:
         noted = [
             each

@@ -14,7 +14,7 @@ from avrgym.study.design.description import (
     describe_randomization,
 )
 from avrgym.study.design.design import Design
-from avrgym.study.plan.frozen_plan import FROZEN, check_can_freeze, read_frozen_plan
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, check_can_freeze, read_frozen_plan
 from avrgym.study.plan.plan import AvailableTests, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -43,10 +43,12 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
         check_can_freeze(store)
         plan, state = read_plan(store.folder, store.design, available_tests)[0], "Not frozen yet."
     elif frozen.record is None or not frozen.is_confirmatory:
-        raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
+        raise StudyError(f"{FROZEN_PLAN_FILE} {'; '.join(frozen.faults)}")
     else:
         plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
-    text = as_markdown(f"{store.design.title}: {title}", state, fields(store.design, plan, available_tests))
+    text = format_markdown(
+        f"{store.design.title}: {title}", state, fields(store.design, plan, available_tests)
+    )
     return write_draft(store.folder / f"preregistration-{form}.md", text)
 
 
@@ -60,7 +62,7 @@ def write_draft(path: Path, text: str) -> Path:
     return path
 
 
-def as_markdown(title: str, state: str, fields: Fields) -> str:
+def format_markdown(title: str, state: str, fields: Fields) -> str:
     """Format fields as Markdown. ``state``: the paragraph after the title."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():

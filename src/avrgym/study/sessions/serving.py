@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from queue import Empty, SimpleQueue
 
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.respondents import CAREGIVER
 from avrgym.study.people.furniture import furniture_of
 from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions

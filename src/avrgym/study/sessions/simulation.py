@@ -20,7 +20,7 @@ from avrgym.people.populations import Population, find_populations, population_l
 from avrgym.policies.registry import HumanOperator
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.preflight import load_study_policy, policies_needed
+from avrgym.study.checking.preflight import load_study_policy, needed_policies
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
 from avrgym.study.sessions.visit import StudyVisit, has_remaining
@@ -31,7 +31,7 @@ from avrgym.system import random_streams
 from avrgym.system.jobs import cores, run_all
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.world_people import environment_populations
-from avrgym.vr.emulation.in_process_client import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
+from avrgym.vr.emulation.in_process_client import ANSWER_DELAY_S, STATE_INTERVAL_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
     PARTICIPANTS,
     SimulatedParticipant,
@@ -109,7 +109,7 @@ def simulate_study(
                 "several computers cannot share a SQLite database: set a PostgreSQL url in study.toml, or use "
                 "--cluster local"
             )
-        for environment, policy in policies_needed(store):
+        for environment, policy in needed_policies(store):
             environment_populations(people, environment)
             if isinstance(load_study_policy(store, environment, policy), HumanOperator):
                 raise PolicyError(
@@ -189,7 +189,7 @@ def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
         value = int(rng.integers(1, item.points + 1))
         if item in asked:
-            visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
+            visit.record(Answer(item.id, value, ANSWER_DELAY_S), when).result()
 
 
 def _draw_answers(store: Store, participant: int, rng: np.random.Generator) -> None:
@@ -207,7 +207,7 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     reached = replace(plan, trials=plan.trials[:number])
-    session = visit.session(reached, client.receive, state_interval_ticks=STATE_EVERY_TICKS)
+    session = visit.session(reached, client.receive, state_interval_ticks=STATE_INTERVAL_TICKS)
     client.run(session)
 
 
@@ -250,4 +250,4 @@ def _trials(store: Store, pseudonyms: list[str]) -> tuple[int, int]:
 
 
 def _random(seed: int, number: int) -> np.random.Generator:
-    return random_streams.simulated_answers(seed, number)
+    return random_streams.simulated_answer_generator(seed, number)

@@ -53,10 +53,10 @@ class StorageQueue:
             yield self._pending.popleft()
 
 
-CHECK_EVERY_S = 0.5
+CHECK_INTERVAL_S = 0.5
 
 
-class SessionWatch:
+class SessionMonitor:
     """A thread that polls the database to check whether a session is still open.
 
     ``ended_elsewhere``: another process has ended the session, by a withdrawal or by a take-over.
@@ -74,7 +74,7 @@ class SessionWatch:
         self._closed.set()
 
     def _run(self) -> None:
-        while not self._closed.wait(CHECK_EVERY_S) and not self.ended_elsewhere:
+        while not self._closed.wait(CHECK_INTERVAL_S) and not self.ended_elsewhere:
             with suppress(StudyError):  # other functions report an unreadable database
                 self._poll()
 

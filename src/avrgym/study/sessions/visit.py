@@ -8,12 +8,12 @@ from typing import Self
 
 import msgspec
 
+from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.recording.input_profile import CONTROLLERS, InputProfile
-from avrgym.recording.respondents import RESPONDENTS
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
@@ -25,7 +25,7 @@ from avrgym.study.people.input_profiles import set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.people.preferences import preferences_of, trial_rules
 from avrgym.study.sessions.links import language_message
-from avrgym.study.sessions.threads import SessionWatch, StorageQueue
+from avrgym.study.sessions.threads import SessionMonitor, StorageQueue
 from avrgym.study.storage.answers import (
     AFTER_BREAK,
     answered_in_visit,
@@ -96,7 +96,7 @@ class StudyVisit:
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
-        self._watch = SessionWatch(store, self.stored.id)
+        self._watch = SessionMonitor(store, self.stored.id)
         self.headset_time = HeadsetTime(store.design.sessions, earlier_headset_s(store, self.stored))
         self._store_policies()
 
@@ -352,7 +352,7 @@ class EventStorage:
     """Store the events of a VR session until another process ends the session. Storage errors are raised."""
 
     def __init__(
-        self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
+        self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionMonitor
     ) -> None:
         """Store events of this session. ``trials``: in the order of the session's plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch

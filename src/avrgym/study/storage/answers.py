@@ -8,8 +8,8 @@ from typing import Any
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_answer
-from avrgym.recording.respondents import CAREGIVER
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema

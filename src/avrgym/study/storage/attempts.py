@@ -12,7 +12,7 @@ from avrgym.recording import answers_file
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
-from avrgym.recording.writer import end_cut_recording
+from avrgym.recording.writer import complete_truncated_recording
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN, reconcile_answers, unanswered_items
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
@@ -137,7 +137,7 @@ def finish_attempt(
     event = {**subject_of(session), "attempt": attempt.id}
     ended = {
         "ended_at": now(),
-        "sha256": sha256_of(store, attempt.recording) if closed else None,
+        "sha256": recording_sha256(store, attempt.recording) if closed else None,
         "metrics": _finite(metrics),
     }
     change_state(connection, attempt, after, event, attempt.recording, **ended)
@@ -163,7 +163,7 @@ def finished_metrics(
         return None
     try:
         if writer_ended:
-            end_cut_recording(path)
+            complete_truncated_recording(path)
         recording = read_recording(path)
         if not (recording.complete and recording.result == "completed"):
             return None
@@ -179,7 +179,7 @@ def finished_metrics(
     return recording.metrics
 
 
-def sha256_of(store: Store, recording: str) -> str | None:
+def recording_sha256(store: Store, recording: str) -> str | None:
     """Returns the SHA-256 of a recording; ``None`` if it does not exist."""
     path = store.path(recording)
     if not path.is_file():

@@ -25,7 +25,7 @@ from avrgym.study.storage.participation import REBUILT, ParticipationList
 from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare, reconcile
 from avrgym.study.storage.schema import EVENT, METADATA, PARTICIPANT, SITE, TOMBSTONE
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.study_folder import traces_of_database
+from avrgym.study.storage.study_folder import find_database_traces
 from avrgym.system.files import make_private_folder, write_new
 
 FILE = "study.db"
@@ -335,7 +335,7 @@ _SOMEBODY = sa.select(
 
 def _refuse_if_lost(folder: Path, database: str, ignored: Collection[str] = ()) -> None:
     """Raise ``StudyError`` if the folder contains traces of an earlier database that are not in ``ignored``."""
-    traces = [each for each in traces_of_database(folder) if each not in ignored]
+    traces = [each for each in find_database_traces(folder) if each not in ignored]
     if traces:
         raise StudyError(
             f"{folder}: {database} is missing or empty, but there are {' and '.join(traces)}: restore a backup, or run "

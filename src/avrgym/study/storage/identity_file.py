@@ -17,7 +17,7 @@ from avrgym.study.storage.identity_keys import (
     KEY_FILE,
     KeySource,
     KeyUnavailable,
-    key_path,
+    key_file_path,
     known_passphrase,
     load_key,
     new_key_source,
@@ -104,7 +104,7 @@ def _checked(folder: Path, file: IdentityFile) -> bytes:
         which = (
             "the passphrase of the identity file"
             if file.key_source.kind == "passphrase"
-            else f"the key file of the identity file, {key_path(file.key_source)},"
+            else f"the key file of the identity file, {key_file_path(file.key_source)},"
         )
         raise KeyUnavailable(f"{which} is wrong. Nothing was changed") from None
     return key

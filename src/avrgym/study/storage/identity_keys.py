@@ -69,7 +69,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
         KeyUnavailable: if the passphrase or the key file is missing.
     """
     if source.kind == "file":
-        return _from_file(folder, key_path(source), create=create)
+        return _from_file(folder, key_file_path(source), create=create)
     passphrase = known_passphrase(folder)
     if passphrase is None:
         raise KeyUnavailable(
@@ -88,7 +88,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
         ) from None
 
 
-def key_path(source: KeySource) -> Path:
+def key_file_path(source: KeySource) -> Path:
     """Returns the path of the key file of a key source."""
     named = os.environ.get(KEY_FILE)
     return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"

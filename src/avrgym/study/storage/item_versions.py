@@ -13,9 +13,9 @@ from typing import Any
 
 import msgspec
 
+from avrgym.commands.respondents import CAREGIVER
 from avrgym.questionnaires.questionnaire import MAX_POINTS, MOMENTS, Item, Questionnaire
 from avrgym.recording.reader import RecordingError, read_header
-from avrgym.recording.respondents import CAREGIVER
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
@@ -49,7 +49,7 @@ class ItemVersion:
 
 
 @dataclass(frozen=True)
-class Form:
+class ParticipantItems:
     """The item versions that a participant read, by name in the design."""
 
     versions: Mapping[str, ItemVersion]
@@ -76,7 +76,7 @@ class ItemCatalogue:
         """All versions of all items, ordered by item."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
-    def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
+    def form(self, design: Design, language: str, translate: Callable[[str], str]) -> ParticipantItems:
         """Returns the item versions of a design in a language. New versions are added."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
@@ -88,7 +88,7 @@ class ItemCatalogue:
                 found[item.id] = self.version(item, read, language, name, own)
             items = tuple(found[item.id].item for item in questionnaire.items)
             self.add(msgspec.structs.replace(questionnaire, name=name, items=items))
-        return Form(found)
+        return ParticipantItems(found)
 
     def version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
@@ -190,7 +190,7 @@ class AnsweredItems:
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
         self._catalogue = ItemCatalogue()
-        self._forms: dict[bytes, Form] = {}
+        self._forms: dict[bytes, ParticipantItems] = {}
         self._of_answers: dict[int, ItemVersion] = {}
         stored: dict[int, list[StoredDesign]] = {}
         for row in store.designs():
@@ -228,7 +228,7 @@ class AnsweredItems:
         """Returns the value of an answer on its item's scale."""
         return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
-    def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
+    def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> ParticipantItems:
         """Returns the item versions of a design for a participant."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
@@ -238,7 +238,7 @@ class AnsweredItems:
             self._forms[key] = self._catalogue.form(design, language, translate)
         return self._forms[key]
 
-    def _take(self, participant: Participant, answer: StudyAnswer, form: Form) -> None:
+    def _take(self, participant: Participant, answer: StudyAnswer, form: ParticipantItems) -> None:
         version = form.versions.get(answer.item)
         if version is None or answer.value > version.item.points:
             version = self._unknown(participant, answer)
@@ -271,22 +271,22 @@ class _ParticipantItems:
             participant,
             stored,
         )
-        self._by_row: dict[int, Form] = {}
-        self._by_attempt: dict[int | None, Form] = {}
+        self._by_row: dict[int, ParticipantItems] = {}
+        self._by_attempt: dict[int | None, ParticipantItems] = {}
 
-    def form(self, answer: StudyAnswer) -> Form:
+    def form(self, answer: StudyAnswer) -> ParticipantItems:
         """Returns the item versions that the participant read at the time of an answer."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]
         return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)
 
-    def _of_row(self, row: StoredDesign) -> Form:
+    def _of_row(self, row: StoredDesign) -> ParticipantItems:
         if row.id not in self._by_row:
             design = design_from_row(row)
             self._by_row[row.id] = self._answered_items.form(self._participant, design, row.wordings)
         return self._by_row[row.id]
 
-    def _of_attempt(self, attempt: int | None) -> Form:
+    def _of_attempt(self, attempt: int | None) -> ParticipantItems:
         if attempt not in self._by_attempt:
             design = self._store.design
             with suppress(OSError, RecordingError, StudyError, KeyError):  # another check reports it

@@ -6,10 +6,10 @@ from typing import Any
 
 import msgspec
 
+from avrgym.commands.respondents import CONSENT_ROLES
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.respondents import CONSENT_ROLES
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
 from avrgym.tasks.registry import find_environment

@@ -11,7 +11,7 @@ from avrgym.study.storage.rows import RECORDINGS, participant_number
 from avrgym.study.storage.states import StudyError
 
 
-def traces_of_database(folder: Path) -> list[str]:
+def find_database_traces(folder: Path) -> list[str]:
     """Returns the names of files and folders that exist only if the study had a database."""
     found: list[str] = []
     if identity_file.named_pseudonyms(folder):

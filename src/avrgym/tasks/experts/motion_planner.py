@@ -222,7 +222,9 @@ class MotionPlanner:
 def _start_offsets(joints: int) -> FloatArray:
     """Offsets (``IK_STARTS``, J) of the start poses of the inverse kinematics from the present pose, in the chain's
     units."""
-    others = random_streams.planner_starts().uniform(-IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints))
+    others = random_streams.planner_start_generator().uniform(
+        -IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints)
+    )
     return np.concatenate([np.zeros((1, joints)), others])
 
 

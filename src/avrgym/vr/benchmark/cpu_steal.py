@@ -17,7 +17,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
-LEAST_S = 0.001
+STEAL_THRESHOLD_S = 0.001
 """A sleep may take this much longer without CPU steal, because of the operating system."""
 PRIORITY = 50
 """Real-time priority of the process, 1 to 99: above the simulation's."""
@@ -80,7 +80,7 @@ def monitor_processor(processor: int, end: Connection) -> None:
     while not end.poll(None if not allowed else 0.0):
         time.sleep(SLEEP_S)
         now_s = time.monotonic()
-        if now_s - before_s > SLEEP_S + LEAST_S:
+        if now_s - before_s > SLEEP_S + STEAL_THRESHOLD_S:
             spans.append((before_s + SLEEP_S, now_s))
         before_s = now_s
     end.send(spans)
@@ -112,7 +112,7 @@ def overlap_s(spans: list[Span], began_s: float, ended_s: float) -> float:
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
-def without_overlap(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
+def has_no_overlap(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
     """Returns a mask (n,) of the periods from ``began_s`` to ``ended_s`` (n,) that overlap no span.
 
     The spans are sorted and disjoint.

@@ -25,7 +25,7 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import observation_and_action_size
-from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, overlap_s, without_overlap
+from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, has_no_overlap, overlap_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received
@@ -47,7 +47,7 @@ Percentiles = dict[str, float]
 
 
 @dataclass(frozen=True)
-class VrSpeed:
+class LiveLatencyResult:
     """Results of a live, recorded trial in one environment.
 
     ``rate_hz``: ticks per second. ``tick_ms``: duration of a tick. ``processor_ms``: its processor time.
@@ -74,7 +74,7 @@ class VrSpeed:
     stolen_s: float
 
 
-def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> VrSpeed:
+def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
     """Measure a trial of ``seconds`` in one environment.
 
     ``policy`` is a name that ``policies.registry.find`` accepts; ``None``: an untrained network.
@@ -121,7 +121,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 def _untrained(environment_id: str) -> Policy:
     """Returns a network with random weights. It has the size of trained networks and needs the same computing time."""
     size, actions = observation_and_action_size(environment_id)
-    random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
+    random, layers = random_streams.untrained_weight_generator(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
         weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(layers)),
         biases=tuple(np.zeros(count) for count in layers[1:]),
@@ -291,7 +291,7 @@ class _Client:
         self._socket.send(messages.encode(message))
 
 
-def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> VrSpeed:
+def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> LiveLatencyResult:
     whole = [n for n in trips if n in times.arrived and n in times.taken and n in times.answered]
     sent, came = (np.array([trips[n][i] for n in whole]) for i in (0, 1))
     arrived, taken, answered = (
@@ -306,7 +306,7 @@ def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> VrSpeed:
     began, took = np.array(times.began), np.array(times.took)
     lasted_s = times.began[-1] - times.began[0] + TICK_S
     late = [tick for tick in times.late if times.began[0] < tick.ended_s and tick.due_s <= times.began[-1]]
-    return VrSpeed(
+    return LiveLatencyResult(
         env=environment_id,
         seconds=lasted_s,
         rate_hz=len(times.began) / lasted_s,
@@ -352,5 +352,5 @@ def _undisturbed(
     """Returns percentiles of the durations of events without CPU steal; ``None`` if there are none."""
     if stood_still is None:
         return None
-    alone = without_overlap(stood_still, began_s, began_s + took_s)
+    alone = has_no_overlap(stood_still, began_s, began_s + took_s)
     return _spread(took_s[alone]) if alone.any() else None

@@ -193,7 +193,7 @@ class EmulatedHeadset:
 
 BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
 """Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
-PICTURE_AFTER_S = {"trial": 4.0}
+PICTURE_DELAY_S = {"trial": 4.0}
 """By phase: delay after its start at which a demonstration takes a picture of the participant's view."""
 
 
@@ -211,15 +211,15 @@ class BrowserClient:
         participant: SimulatedParticipant,
         pictures: Path,
         log: Callable[[str], None],
-        picture_after_s: Mapping[str, float] = PICTURE_AFTER_S,
+        picture_delay_s: Mapping[str, float] = PICTURE_DELAY_S,
     ) -> None:
         """``pictures`` is the folder for pictures of the participant's view; ``log`` is called with each phase.
 
-        ``picture_after_s``: by phase, the delay after its start at which a picture is taken.
+        ``picture_delay_s``: by phase, the delay after its start at which a picture is taken.
         """
         self.taken: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
-        self._folder, self._log, self._picture_after_s = pictures, log, picture_after_s
+        self._folder, self._log, self._picture_after_s = pictures, log, picture_delay_s
         self._phase: tuple[str, int] = ("", 0)
         self._phase_began = self._changed_s = 0.0
         self._asked = ""

@@ -9,11 +9,11 @@ from avrgym.vr.session.session import Session
 
 CALIBRATION_S = 1.5
 """Time for which a participant holds still before pressing the trigger for calibration."""
-ANSWER_AFTER_S = 1.5
+ANSWER_DELAY_S = 1.5
 MAX_START_ATTEMPTS = 4
 """Maximum number of attempts to start a trial."""
-TRACKING_EVERY_TICKS = 2
-STATE_EVERY_TICKS = 2
+TRACKING_INTERVAL_TICKS = 2
+STATE_INTERVAL_TICKS = 2
 """Interval at which participants of dry runs receive a state. Another interval changes the results of a seed."""
 
 
@@ -57,7 +57,7 @@ class InProcessClient:
             self._now_s = tick * TICK_S
             trial = session.plan.trials[max(self._trial - 1, 0)]
             self._participant.adopt_posture(trial.environment, session.plan.settings_of(trial))
-            if tick % TRACKING_EVERY_TICKS == 0:
+            if tick % TRACKING_INTERVAL_TICKS == 0:
                 frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
                 session.receive(frame, self._now_s)
             self._respond(session)
@@ -78,7 +78,7 @@ class InProcessClient:
         if session.phase == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
         question = self._question
-        if question is not None and waited_s > ANSWER_AFTER_S:
+        if question is not None and waited_s > ANSWER_DELAY_S:
             self._question = None
             value = self._participant.answer(question.item, question.points, session.attempt_results)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)

@@ -33,7 +33,7 @@ class CommandTraits:
 
 def draw_command_traits(seed: int) -> CommandTraits:
     """Returns the traits of a participant with this seed."""
-    random = random_streams.participant_commands(seed, 0)
+    random = random_streams.participant_command_generator(seed, 0)
     return CommandTraits(
         delay_s=float(random.uniform(0.6, 2.5)),
         miss=float(random.uniform(0.0, 0.15)),
@@ -52,7 +52,7 @@ class SimulatedCommands:
     def __init__(self, traits: CommandTraits, seed: int) -> None:
         """Start with the random stream of a trial's ``seed``."""
         self._traits = traits
-        self._random = random_streams.participant_commands(seed, 1)
+        self._random = random_streams.participant_command_generator(seed, 1)
         self._offered: messages.RobotCommands | None = None
         self._planned: list[tuple[float, CommandName]] = []
         self._next_false_s = np.inf
@@ -109,7 +109,7 @@ class SimulatedCommands:
         return 60.0 * interval_s / rate if rate else np.inf
 
 
-def gesture_rad(source: Source, time_s: float) -> tuple[float, float]:
+def gesture_angles(source: Source, time_s: float) -> tuple[float, float]:
     """Returns the pitch and yaw of the head in a gesture, this time after its start."""
     if not 0.0 <= time_s <= GESTURE_S:
         return 0.0, 0.0

@@ -35,7 +35,7 @@ from avrgym.vr.emulation.simulated_commands import (
     CommandTraits,
     SimulatedCommands,
     draw_command_traits,
-    gesture_rad,
+    gesture_angles,
 )
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
@@ -45,7 +45,7 @@ from avrgym.vr.session.attempt import AttemptResults
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 SENSOR_NOISE_M = 1e-9
 """Minimum difference between consecutive poses. Real trackers never measure identical poses."""
-LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
+LOOK_AT_ARM_OFFSET_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
     head_x=0.0, head_z=0.0
 )
 """Change of the joint angles (20,) with which a participant looks at the right arm."""
@@ -107,7 +107,7 @@ def draw_traits(
 
     ``trained`` is a policy that controls the participant.
     """
-    random = random_streams.participant_traits(seed)
+    random = random_streams.participant_trait_generator(seed)
     heights_m = distribution.torso_height_woman_m if sex == "woman" else distribution.torso_height_man_m
     traits = Traits(
         sex=sex,
@@ -165,7 +165,7 @@ class SimulatedParticipant:
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = DEFAULT_FURNITURE) -> None:
         """Create a participant. The room's ``furniture`` determines the height of the head."""
-        random = random_streams.participant_motion(seed)
+        random = random_streams.participant_motion_generator(seed)
         self.traits = traits
         self._random = random
         self._furniture = furniture
@@ -173,8 +173,8 @@ class SimulatedParticipant:
             np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)[None, :2]
-        self._chance = random_streams.participant_behaviour(seed).random((1, 4))
-        self._action_generator = random_streams.participant_noise(seed)
+        self._chance = random_streams.participant_behaviour_generator(seed).random((1, 4))
+        self._action_generator = random_streams.participant_noise_generator(seed)
         self.commands = SimulatedCommands(traits.commands, seed)
         self._gesture: tuple[Source, float] = "nod", -np.inf
         self._sequence = -1
@@ -323,7 +323,7 @@ class SimulatedParticipant:
             self._moving, self._watching = moving, watching
             self._aim()
         angles = self._move_until(time_s)
-        pitch, yaw = gesture_rad(self._gesture[0], time_s - self._gesture[1])
+        pitch, yaw = gesture_angles(self._gesture[0], time_s - self._gesture[1])
         if pitch or yaw:
             angles = angles.copy()
             angles[[JOINT_INDEX["head_x"], JOINT_INDEX["head_z"]]] += pitch, yaw
@@ -368,7 +368,7 @@ class SimulatedParticipant:
                 way = traits.cooperation * way + self._stance_rad()
             goal = goal + way
         if self._watching and self._offered == "arm":
-            goal = goal + LOOKING_AT_ARM_RAD
+            goal = goal + LOOK_AT_ARM_OFFSET_RAD
         self._motor = motor.set_goal(self._motor, self._clip_to_ranges(goal), startled)
 
     def _move_until(self, time_s: float) -> FloatArray:

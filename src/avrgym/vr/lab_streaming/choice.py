@@ -32,7 +32,7 @@ def stream_fault(name: str, query: str) -> str:
     )
 
 
-def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
+def parse_stream_options(send: bool, received: Sequence[str]) -> StreamChoice:
     """Read the choice from command-line options. Raises ``ValueError`` if an option is not ``NAME=QUERY``."""
     receive = dict(_named(each) for each in received)
     return StreamChoice(send, receive)

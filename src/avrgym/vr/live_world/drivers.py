@@ -69,7 +69,7 @@ class Driver(Protocol):
 def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
     """Returns the driver for a policy. In the ``background``, the caller does not wait for external controllers."""
     if isinstance(policy, HumanOperator):
-        return Operator()
+        return OperatorDriver()
     if isinstance(policy, ExternalController):
         return ThreadedDriver(policy, background=background)
     return SynchronousDriver(policy)
@@ -131,7 +131,7 @@ class ThreadedDriver:
         self._controller_factory, self._background = factory, background
         self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_RESPONSE_TIMEOUT_S
         self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
-        self._worker = Worker(factory)
+        self._worker = ControllerThread(factory)
         self._ready = self._pending = None
         self._zero_action = NO_ACTION
         self._hold("")
@@ -145,7 +145,7 @@ class ThreadedDriver:
         """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         if self._worker.busy:
             self._worker.close()
-            self._worker = Worker(self._controller_factory)
+            self._worker = ControllerThread(self._controller_factory)
         seed, environment = registry.controller_seed(generators[0]), episodes.environment_id
         self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
         self._pending, self._zero_action = None, zero_action(episodes)
@@ -252,7 +252,7 @@ class Request:
         self._done.wait(timeout_s)
 
 
-class Worker:
+class ControllerThread:
     """Runs requests to one controller in order, in its own thread, which creates the controller at the first
     request.
     """
@@ -297,7 +297,7 @@ class Worker:
         return self._controller
 
 
-class Operator:
+class OperatorDriver:
     """Drives the robot with an operator's commands for its hand. Without commands the robot does not move."""
 
     failure = ""

@@ -12,11 +12,11 @@ from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.models.human import JOINTS
 from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
-from avrgym.vr.tracking.body import ARMS, HEAD, WAIST
+from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE, HEAD_JOINTS, WAIST
 
 OBSTRUCTED_M, FREE_M = 0.008, 0.004
 """Hysteresis: a part becomes obstructed above the first displacement by contacts, and free below the second."""
-FINGERS = 4.0
+FINGERTIP_DISTANCE_RADII = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
 
 
@@ -29,9 +29,9 @@ class ObstructionMonitor:
         self._joints = np.array([model.joint(name).id for name in names])
         self._dofs = model.jnt_dofadr[self._joints]
         self._stiffness = np.array([float(model.actuator(name).gainprm[0]) for name in names])
-        fingers_m = -FINGERS * skeleton.hand_m
-        points = [("head", "head", skeleton.head_centre_m, HEAD)]
-        for side, joints in ARMS.items():
+        fingers_m = -FINGERTIP_DISTANCE_RADII * skeleton.hand_m
+        points = [("head", "head", skeleton.head_centre_m, HEAD_JOINTS)]
+        for side, joints in ARM_JOINTS_BY_SIDE.items():
             points += [(side, f"{side}_forearm", 0.0, joints[:3]), (side, f"{side}_hand", fingers_m, joints)]
         self._bodies = np.array([model.body(human.PREFIX + body).id for _, body, _, _ in points])
         self._along_m = np.array([along_m for _, _, along_m, _ in points])

@@ -25,7 +25,7 @@ from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.tracking.body import ARMS as ARM_JOINTS
+from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE as ARM_JOINTS
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
@@ -117,7 +117,7 @@ class LiveWorld:
         """
         self._loop = self._episodes.loop = ControlLoop(self._episodes)
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
-        self._generators = [random_streams.episode(seed)]
+        self._generators = [random_streams.episode_generator(seed)]
         self._episodes.reset(np.array([0]), self._generators)
         self.start = self._episodes.episode_start(0)
         self._retreat = Retreat(self._episodes.simulation)

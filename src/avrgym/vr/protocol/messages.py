@@ -36,8 +36,8 @@ STATES_PER_RECEIPT = 2
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
-Shares = tuple[Share, Share, Share]
+SignedShare = Annotated[float, msgspec.Meta(ge=-1, le=1)]
+SignedShares = tuple[SignedShare, SignedShare, SignedShare]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """The device that tracks a hand."""
 StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "switch", "page", "key"]
@@ -299,8 +299,8 @@ class Drive(Message, frozen=True, tag="drive"):
     """
 
     engaged: bool
-    linear: Shares
-    angular: Shares
+    linear: SignedShares
+    angular: SignedShares
 
 
 class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.models.colours import geom_colours, texture_index, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
-from avrgym.vr.scene.scene_export import geoms_by_carrier
-from avrgym.vr.scene.skins import Skin, skins_of
+from avrgym.vr.scene.scene_export import geoms_by_body
+from avrgym.vr.scene.skins import Skin, read_skins
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +31,12 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
     mujoco.mj_kinematics(model, data)
     colours = geom_colours(model)
     found: dict[str, list[BodySurface]] = {}
-    for carrier, geoms in geoms_by_carrier(model).items():
+    for carrier, geoms in geoms_by_body(model).items():
         from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
         found[model.body(carrier).name] = [
             _of_geom(model, data, geom, from_world, colours[geom]) for geom in geoms
         ]
-    for skin in skins_of(model):
+    for skin in read_skins(model):
         colours = _skin_colours(model, skin)
         for body, surface in _cut(skin, colours):
             found.setdefault(body, []).append(surface)

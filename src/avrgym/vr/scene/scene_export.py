@@ -33,13 +33,13 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_index, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.glb_writer import GlbWriter
-from avrgym.vr.scene.skins import Bone, Skin, merge_skins, skins_of, with_cap
+from avrgym.vr.scene.skins import Bone, Skin, add_cap, merge_skins, read_skins
 
-Piece = tuple[trimesh.Trimesh, FloatArray]
+ColouredMesh = tuple[trimesh.Trimesh, FloatArray]
 """A mesh and its colour (4,)."""
 
-HEAD = human.PREFIX + "head"
-PLAIN_ROUGHNESS = 0.75
+HEAD_BODY = human.PREFIX + "head"
+DEFAULT_ROUGHNESS = 0.75
 """Roughness of geoms whose material does not define it, similar to MuJoCo's renderer."""
 MIN_INSTANCES = 3
 """Minimum number of identical bodies for instancing."""
@@ -69,7 +69,7 @@ class Finish:
         )
         return cls(
             metallic=round(2.0 * float(metallic)) / 2.0 if metallic >= 0.0 else 0.0,
-            roughness=round(4.0 * float(roughness)) / 4.0 if roughness >= 0.0 else PLAIN_ROUGHNESS,
+            roughness=round(4.0 * float(roughness)) / 4.0 if roughness >= 0.0 else DEFAULT_ROUGHNESS,
             alpha=round(float(alpha), 2),
             texture=texture,
         )
@@ -91,7 +91,7 @@ class _Export:
         self._joints: dict[tuple[str, bool], int] = {}
 
     def run(self) -> bytes:
-        carried = geoms_by_carrier(self._model)
+        carried = geoms_by_body(self._model)
         for bodies in _instances(self._model, self._colours, carried):
             self._add_copies(bodies, carried.pop(bodies[0]))
             for body in bodies[1:]:
@@ -130,9 +130,9 @@ class _Export:
         w, x, y, z = self._data.xquat[body].tolist()
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
-    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
+    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[ColouredMesh]]:
         """Returns the geoms of one node, by finish, in the frame of the node's body."""
-        pieces: dict[Finish, list[Piece]] = {}
+        pieces: dict[Finish, list[ColouredMesh]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
             body, colour = self._model.geom_bodyid[geom], self._colours[geom]
@@ -142,7 +142,9 @@ class _Export:
             pieces.setdefault(finish, []).append((mesh, colour))
         return pieces
 
-    def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
+    def _add_mesh(
+        self, pieces: list[ColouredMesh], finish: Finish, *, quantised: bool = True
+    ) -> tuple[int, float]:
         """Add one mesh of all pieces. Returns its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
@@ -183,12 +185,12 @@ class _Export:
         The other skins have a cap at the neck.
         """
         groups: dict[tuple[bool, Finish], list[Skin]] = {}
-        skins = list(skins_of(self._model))
-        head = [skin for skin in skins if skin.main_body == HEAD]
+        skins = list(read_skins(self._model))
+        head = [skin for skin in skins if skin.main_body == HEAD_BODY]
         for skin in skins:
-            of_head = skin.main_body == HEAD
+            of_head = skin.main_body == HEAD_BODY
             if not of_head:
-                skin = reduce(with_cap, head, skin)
+                skin = reduce(add_cap, head, skin)
             texture = texture_index(self._model, skin.material)
             finish = Finish.of(self._model, skin.material, float(skin.rgba[0, 3]), texture)
             groups.setdefault((of_head, finish), []).append(skin)
@@ -267,7 +269,7 @@ class _Export:
         return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
 
 
-def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
+def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
     """Returns the ids of visible geoms by body. Bodies that are fixed to each other count as the topmost of them."""
     found: dict[int, list[int]] = {}
     visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)

@@ -18,7 +18,7 @@ from avrgym.models.colours import skin_colours
 from avrgym.vr.scene.geom_meshes import pose_matrix
 
 BONES_PER_VERTEX = 4
-TWISTING = ("upper_arm", "forearm")
+TWISTING_BODIES = ("upper_arm", "forearm")
 WELD_DISTANCE_M = 1e-5
 """Vertices of two skins within this distance coincide."""
 
@@ -60,7 +60,7 @@ class Skin:
         return self.bones[int(np.argmax(shares))].body
 
 
-def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
+def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
     """Yields all skins of a model. Adjacent skins of one material have the same normals at their border."""
     normals, colours = _normals(model), skin_colours(model)
     for skin in range(model.nskin):
@@ -104,7 +104,7 @@ def merge_skins(skins: Sequence[Skin]) -> Skin:
     )
 
 
-def with_cap(skin: Skin, other: Skin) -> Skin:
+def add_cap(skin: Skin, other: Skin) -> Skin:
     """Returns the skin with a cap at its border to another skin, for views that hide the other skin."""
     rim = _rim(skin, other)
     if not len(rim):
@@ -192,7 +192,7 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
         weight = np.zeros(len(vertices))
         held = _rows(model.skin_bonevertid, model.skin_bonevertadr, model.skin_bonevertnum, bone)
         weight[held] = _rows(model.skin_bonevertweight, model.skin_bonevertadr, model.skin_bonevertnum, bone)
-        if body.name.endswith(TWISTING):
+        if body.name.endswith(TWISTING_BODIES):
             down = vertices @ inverse_bind[2, :3] + inverse_bind[2, 3]
             share = np.clip(down / _end_z(model, body.id), 0.0, 1.0)
             bones.append(Bone(body.name, True, inverse_bind))

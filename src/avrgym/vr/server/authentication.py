@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
 Token = Annotated[str, msgspec.Meta(min_length=TOKEN_BYTES, max_length=128, pattern="^[A-Za-z0-9_-]+$")]
-REFUSED_ORIGIN = "this page comes from another server; open the address that the server printed"
+OTHER_ORIGIN_TEXT = "this page comes from another server; open the address that the server printed"
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class SameOriginOnly:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
         if scope["type"] in ("http", "websocket") and not _is_own(Headers(scope=scope), scope["scheme"]):
-            await PlainTextResponse(REFUSED_ORIGIN, 403)(scope, receive, send)
+            await PlainTextResponse(OTHER_ORIGIN_TEXT, 403)(scope, receive, send)
             return
         await self._app(scope, receive, send)
 

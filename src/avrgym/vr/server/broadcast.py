@@ -24,7 +24,7 @@ from avrgym.vr.server.authentication import LINK_ENDED, Refusal
 
 T = TypeVar("T")
 
-OUTBOX_MESSAGES = 1000
+MAX_OUTBOX_MESSAGES = 1000
 """Maximum number of waiting messages of a connection. Above it the oldest messages are dropped."""
 WATCHER_MESSAGES = (Status, Timing)
 
@@ -63,7 +63,7 @@ class Outbox:
     """
 
     def __init__(self) -> None:
-        self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
+        self._messages: deque[Message] = deque(maxlen=MAX_OUTBOX_MESSAGES)
         self._state: tuple[State, float] | None = None
         self.created_s = 0.0
         self._sent_states = self._received_states = 0

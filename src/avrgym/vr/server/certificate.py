@@ -48,7 +48,7 @@ def _lan_addresses() -> tuple[str, ...]:
     return () if ipaddress.ip_address(address).is_loopback else (address,)
 
 
-def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
+def load_or_create_certificate(names: Sequence[str], folder: Path) -> Certificate:
     """Returns the certificate in a folder. Creates a new one if it is missing, expires soon or lacks a name."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     found = certificate_in(folder, names)

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from fastapi import HTTPException, Request, Response
 
-from avrgym.vr.server.request_body import posted_json
-from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyCodes
+from avrgym.vr.server.request_body import read_json_body
+from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyCodesError
 
 MAX_BODY_BYTES = 1000
 
@@ -24,7 +24,7 @@ def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response
         entered = await _read(request)
         try:
             token = links.exchange("".join(entered.code.split()))
-        except TooManyCodes as error:
+        except TooManyCodesError as error:
             raise HTTPException(429, str(error)) from None
         except CodeError as error:
             raise HTTPException(403, str(error)) from None
@@ -34,7 +34,7 @@ def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response
 
 
 async def _read(request: Request) -> EnteredCode:
-    data = await posted_json(request, MAX_BODY_BYTES)
+    data = await read_json_body(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=EnteredCode)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):

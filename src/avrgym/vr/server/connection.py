@@ -98,7 +98,7 @@ class FrameTimes:
 MAX_STORED_FRAMES = 1000
 
 
-Record = Callable[[Caller, Any], None]
+RecordCommand = Callable[[Caller, Any], None]
 """Function that is called with the hello of each watcher, and with each command before its execution. Must not
 block."""
 
@@ -115,7 +115,7 @@ async def serve_connection(
     limiter: ConnectionLimiter,
     broadcast: Broadcast,
     loop: RealTimeLoop[S],
-    record: Record,
+    record: RecordCommand,
 ) -> None:
     """Serve one connection until it closes."""
     await socket.accept()
@@ -208,7 +208,7 @@ async def _receive(
     loop: RealTimeLoop[S],
     outbox: Outbox,
     frame_times: FrameTimes,
-    record: Record,
+    record: RecordCommand,
     opens: Callable[[], bool],
 ) -> None:
     """Pass received messages to the loop. Discards messages of a participant whose link has expired."""

@@ -34,7 +34,7 @@ IDLE_TIMEOUT_S = 10.0
 RESPONSE_TIMEOUT_S = 60.0
 """Timeout for an unauthenticated request, and for the client to receive a response."""
 SWEEP_INTERVAL_S = 0.5
-OUT_OF_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+OUT_OF_HANDLES_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 ACCEPT_RETRY_S = 0.05
 """Delay before the next attempt to accept a connection when no file handle is free."""
 
@@ -151,7 +151,7 @@ class ConnectionLimiter:
         try:
             accepted, address = await asyncio.get_running_loop().sock_accept(self.listener)
         except OSError as error:
-            if error.errno in OUT_OF_HANDLES:
+            if error.errno in OUT_OF_HANDLES_ERRORS:
                 _close_longest_idle(self._unauthenticated())
             await asyncio.sleep(ACCEPT_RETRY_S)
             return

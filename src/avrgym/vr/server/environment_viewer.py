@@ -11,7 +11,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.vr.live_world.drivers import Operator, make_driver
+from avrgym.vr.live_world.drivers import OperatorDriver, make_driver
 from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
@@ -19,7 +19,7 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS
 
 LOOK_AT_END_S = 2.0
-LOADING_S = 15.0
+LOADING_TIMEOUT_S = 15.0
 """Maximum time that an episode waits for a client to load its scene."""
 
 
@@ -105,7 +105,7 @@ class EnvironmentViewer:
                 self._tell()
             case messages.Command(name="skip"):
                 self._begin()
-            case messages.Drive() if isinstance(self._driver, Operator):
+            case messages.Drive() if isinstance(self._driver, OperatorDriver):
                 self._driver.take_command(message, now_s)
             case _:
                 pass
@@ -113,7 +113,7 @@ class EnvironmentViewer:
     def tick(self, now_s: float) -> None:
         """Advance by 10 ms."""
         self._now_s = now_s
-        if isinstance(self._driver, Operator):
+        if isinstance(self._driver, OperatorDriver):
             self._driver.check_timeout(now_s)
         if not self._paused:
             self._go_on()
@@ -128,7 +128,7 @@ class EnvironmentViewer:
 
     def _begin(self) -> None:
         """Prepare the next episode. It starts when a client has loaded its scene."""
-        generator = random_streams.episode(self._seed)
+        generator = random_streams.episode_generator(self._seed)
         self._seed += 1
         self._episodes.reset(np.array([0]), [generator])
         self._driver.reset(self._episodes, [generator])
@@ -138,7 +138,7 @@ class EnvironmentViewer:
         self._success = False
         episodes = self._episodes
         self.scenes.append((episodes.environment_id, episodes.person_in(0), episodes.settings))
-        self._phase, self._waits_until_s = "loading", self._now_s + LOADING_S
+        self._phase, self._waits_until_s = "loading", self._now_s + LOADING_TIMEOUT_S
         self._send(self._scene())
         self._tell()
 
@@ -210,7 +210,7 @@ class EnvironmentViewer:
             visibility="visible",
             left_modality="none",
             right_modality="none",
-            operated=isinstance(self._driver, Operator),
+            operated=isinstance(self._driver, OperatorDriver),
             idle=self.at_rest or self._driver.idle,
             latency=[],
             streams=[],

@@ -20,12 +20,12 @@ from avrgym.vr.server.authentication import Caller, SameOriginOnly, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.code_exchange import code_exchange
-from avrgym.vr.server.connection import PARTICIPANT_CHANNEL, WATCHER_CHANNEL, Record, serve_connection
+from avrgym.vr.server.connection import PARTICIPANT_CHANNEL, WATCHER_CHANNEL, RecordCommand, serve_connection
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.server.sound_files import add_sounds
-from avrgym.vr.server.web_server import STATIC, ServerError, WebServer, check_page, listen
+from avrgym.vr.server.web_server import STATIC_FOLDER, ServerError, WebServer, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
 """Python's thread switch interval. The default of 5 ms is half of a tick."""
@@ -38,7 +38,7 @@ def create_app(
     limiter: ConnectionLimiter,
     hosts: list[str],
     exporter: SceneExporter,
-    record: Record,
+    record: RecordCommand,
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
     sounds: Path | None = None,
@@ -88,7 +88,7 @@ def create_app(
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:
-        return FileResponse(STATIC / "index.html")
+        return FileResponse(STATIC_FOLDER / "index.html")
 
     add_sounds(app, tokens, sounds)
     if links is not None:
@@ -99,15 +99,15 @@ def create_app(
 
         @app.get("/dashboard")
         async def dashboard() -> FileResponse:
-            return FileResponse(STATIC / "dashboard.html")
+            return FileResponse(STATIC_FOLDER / "dashboard.html")
 
     if study is not None:
 
         @app.get("/caregiver")
         async def caregiver() -> FileResponse:
-            return FileResponse(STATIC / "caregiver.html")
+            return FileResponse(STATIC_FOLDER / "caregiver.html")
 
-    app.mount("/", StaticFiles(directory=STATIC, html=True))
+    app.mount("/", StaticFiles(directory=STATIC_FOLDER, html=True))
     return app
 
 

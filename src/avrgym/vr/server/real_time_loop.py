@@ -18,10 +18,10 @@ from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.server.cpu_idle import CpuIdlePrevention
 from avrgym.vr.server.inbox import MESSAGE_TIME_S, MESSAGES_PER_TICK, Inbox, NewConnection
 
-TIMING_EVERY_TICKS = 100
+TIMING_INTERVAL_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
 """Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
-CATCH_UP_TICKS = 5
+MAX_CATCH_UP_TICKS = 5
 """The loop catches up with at most this number of late ticks. If more are late, all of them are skipped."""
 MAX_LATE_TICKS = 10_000
 PRIORITY = 10
@@ -148,7 +148,7 @@ class RealTimeLoop(Generic[S]):
 
     def _send_timing(self, took_s: float) -> None:
         self._took_s.append(took_s)
-        if len(self._took_s) == TIMING_EVERY_TICKS:
+        if len(self._took_s) == TIMING_INTERVAL_TICKS:
             took_ms = [1000.0 * took_s for took_s in self._took_s]
             self._took_s.clear()
             self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
@@ -164,7 +164,7 @@ class RealTimeLoop(Generic[S]):
         if late < 0.0:
             time.sleep(-late)
             return due
-        lost = int(late / TICK_S) if late > CATCH_UP_TICKS * TICK_S else 0
+        lost = int(late / TICK_S) if late > MAX_CATCH_UP_TICKS * TICK_S else 0
         self.late.append(LateTick(due - TICK_S, due + late, lost))
         self.missed_ticks += lost
         return due + lost * TICK_S

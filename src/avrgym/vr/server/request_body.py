@@ -3,7 +3,7 @@
 from fastapi import HTTPException, Request
 
 
-async def posted_json(request: Request, max_bytes: int) -> bytearray:
+async def read_json_body(request: Request, max_bytes: int) -> bytearray:
     """Returns the undecoded body of a request.
 
     Raises:

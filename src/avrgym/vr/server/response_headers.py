@@ -10,21 +10,21 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
-PACKAGE = str(Path(__file__).parents[2])
+PACKAGE_FOLDER = str(Path(__file__).parents[2])
 FRAMED_PAGE = "/spectator"
 """The only page that may be in a frame; the dashboard contains it."""
-BUILT_FILES = "/assets/"
+HASHED_FILES_PATH = "/assets/"
 """Folder of files whose names contain a hash of their content."""
-CONTENT_POLICY = (
+CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
     "trusted-types avrgym; require-trusted-types-for 'script'"
 )
 """Pages load only from this server and create no HTML from text. Scenes contain textures as blobs."""
-PERMISSIONS = (
+PERMISSIONS_POLICY = (
     "xr-spatial-tracking=(self), camera=(), display-capture=(), geolocation=(), microphone=(), payment=()"
 )
-INTERNAL_ERROR = 1011
+INTERNAL_ERROR_CODE = 1011
 """Closing code of a WebSocket after an error of the server (RFC 6455)."""
 
 _log = logging.getLogger(__name__)
@@ -34,11 +34,11 @@ def headers(path: str) -> dict[str, str]:
     """Returns the security headers for a response to this path. Headers that the response already has override them."""
     ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED_PAGE else ("'none'", "DENY")
     return {
-        "content-security-policy": CONTENT_POLICY.format(ancestors=ancestors),
+        "content-security-policy": CONTENT_SECURITY_POLICY.format(ancestors=ancestors),
         "x-frame-options": frames,
         "x-content-type-options": "nosniff",
         "referrer-policy": "no-referrer",
-        "permissions-policy": PERMISSIONS,
+        "permissions-policy": PERMISSIONS_POLICY,
         "cross-origin-opener-policy": "same-origin",
         "cross-origin-resource-policy": "same-origin",
         "cache-control": "no-store",
@@ -95,7 +95,7 @@ class _Response:
                 await self._refuse("Internal Server Error", 500)
             elif self._scope["type"] == "websocket":
                 await self.send(
-                    {"type": "websocket.close", "code": INTERNAL_ERROR, "reason": "internal error"}
+                    {"type": "websocket.close", "code": INTERNAL_ERROR_CODE, "reason": "internal error"}
                 )
 
     async def _refuse(self, words: str, status: int) -> None:
@@ -105,7 +105,7 @@ class _Response:
 def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list[tuple[bytes, bytes]]:
     present = {name.lower() for name, _ in given}
     added = headers(path)
-    if path.startswith(BUILT_FILES) and status in (200, 304):
+    if path.startswith(HASHED_FILES_PATH) and status in (200, 304):
         added["cache-control"] = "public, max-age=31536000, immutable"
     return [*given, *((n.encode(), v.encode()) for n, v in added.items() if n.encode() not in present)]
 
@@ -114,6 +114,6 @@ def _describe(error: Exception) -> str:
     """Returns the type and location of an error, without its message, which may contain a token or a name."""
     walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first frame caught the error
     frames = [(frame.f_code.co_filename, line) for frame, line in walked]
-    own = [place for place in frames if place[0].startswith(PACKAGE)]
+    own = [place for place in frames if place[0].startswith(PACKAGE_FOLDER)]
     file, line = (own or frames)[-1]
     return f"{type(error).__name__} in {Path(file).name}, line {line}"

@@ -26,7 +26,7 @@ class CodeError(ValueError):
     """A code is wrong, used or expired."""
 
 
-class TooManyCodes(CodeError):
+class TooManyCodesError(CodeError):
     """Too many wrong codes were entered recently."""
 
 
@@ -96,7 +96,7 @@ class SessionLinks:
         present = self._open
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 
-    def language_of_ended(self, token: str) -> Language | None:
+    def language_of_expired(self, token: str) -> Language | None:
         """Returns the language of the participant of an expired link; ``None`` for an unknown token."""
         return self._ended.get(link_sha256(token))
 
@@ -120,7 +120,7 @@ class SessionLinks:
         with self._lock:
             now_s = time.monotonic()
             if len(self._wrong_s) == MAX_WRONG_CODES and now_s - self._wrong_s[0] < WRONG_CODE_WINDOW_S:
-                raise TooManyCodes(
+                raise TooManyCodesError(
                     f"{MAX_WRONG_CODES} wrong codes in {WRONG_CODE_WINDOW_S:g} s; wait, or open the link"
                 )
             for code in self._codes:

@@ -18,7 +18,7 @@ from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
 from avrgym.vr.server.response_headers import ResponseHeaders
 
-STATIC = Path(__file__).parents[1] / "static"
+STATIC_FOLDER = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "caregiver.html", "replay.html")
 """The client's pages: for participants and spectators, for the experimenter, for caregivers, and for replays."""
 CLIENT_INSTALL_HINT = (
@@ -42,7 +42,7 @@ class ServerError(RuntimeError):
 
 def check_page(name: str) -> None:
     """Raise ``ServerError`` if a page of the client is not built."""
-    if not (STATIC / name).exists():
+    if not (STATIC_FOLDER / name).exists():
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 
 

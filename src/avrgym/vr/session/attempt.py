@@ -26,7 +26,7 @@ from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
-Configure = Callable[[int], Configuration]
+MakeConfiguration = Callable[[int], Configuration]
 """Function that takes the number of an attempt and returns the attempt's configuration."""
 
 
@@ -62,7 +62,7 @@ class Attempt:
     """
 
     def __init__(
-        self, folder: Path, trial: int, configure: Configure, began_s: float, *, first_number: int = 1
+        self, folder: Path, trial: int, configure: MakeConfiguration, began_s: float, *, first_number: int = 1
     ) -> None:
         """Open the recording of the next attempt at this trial that ``folder`` does not contain.
 
@@ -282,7 +282,7 @@ def configuration(
         rules=trial.rules,
         furniture=plan.furniture,
         reward_weights=dict(world.task.weights),
-        items=tuple(plan.items_after(trial)),
+        items=tuple(plan.questionnaire_after(trial)),
         versions=versions(),
         plugins=tuple(plugins),
         world_version=WORLD_VERSION,
@@ -290,7 +290,7 @@ def configuration(
     )
 
 
-def _open(folder: Path, trial: int, configure: Configure, number: int) -> tuple[int, RecordingWriter]:
+def _open(folder: Path, trial: int, configure: MakeConfiguration, number: int) -> tuple[int, RecordingWriter]:
     """Create a recording for the first attempt, from ``number`` on, whose file does not exist. Returns the attempt's
     number and the recording."""
     make_private_folder(folder)

@@ -9,7 +9,7 @@ from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, AttemptResults, Configure
+from avrgym.vr.session.attempt import Attempt, AttemptResults, MakeConfiguration
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.tracking.frames import Frame
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
@@ -48,7 +48,12 @@ class AttemptStorage:
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
     def begin(
-        self, trial: int, configure: Configure, first_number: int, now_s: float, input_profile: InputProfile
+        self,
+        trial: int,
+        configure: MakeConfiguration,
+        first_number: int,
+        now_s: float,
+        input_profile: InputProfile,
     ) -> Attempt:
         """Start an attempt at a trial, see ``Attempt``. ``trial`` and ``first_number`` count from 1.
 
@@ -57,7 +62,7 @@ class AttemptStorage:
         """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.failing:
-            self._sink.forget_failures()
+            self._sink.clear_failures()
         self.attempt = self._latest = attempt
         self.questionnaire_attempt = QuestionnaireAttempt(attempt.trial, attempt.number, attempt.path)
         self.failing = False
@@ -105,7 +110,7 @@ class AttemptStorage:
         at_stake = self.attempt is not None or self.completing is not None
         return failure if at_stake or not self.failing else None
 
-    def give_up(self) -> None:
+    def discard_attempt(self) -> None:
         """Store nothing until the next attempt begins."""
         self.completing, self.failing = None, True
-        self._sink.forget_failures()
+        self._sink.clear_failures()

@@ -12,15 +12,15 @@ STOP_METHODS: Mapping[Source, StopMethod] = {"key": "key", "button": "button"}
 """Stop method of a command ``stop``, by its source."""
 
 
-def take_message(phase: Phase, message: Received) -> Phase:
+def handle_message(phase: Phase, message: Received) -> Phase:
     """Pass a message to a phase. Returns the next phase."""
     match message:
         case messages.Tracking():
-            phase.take_tracking(message)
+            phase.on_tracking(message)
         case messages.Latency():
-            phase.take_latency(message)
+            phase.on_latency(message)
         case messages.HeadsetFrames():
-            phase.take_frames(message)
+            phase.on_frames(message)
         case messages.SceneLoaded():
             phase.state.worlds.mark_shown(message.url)
         case messages.Entered():
@@ -95,6 +95,6 @@ def execute_command(phase: Phase, command: CommandName) -> Phase:
         case "end":
             return phase.end()
         case "recalibrate":
-            return phase.repeat_measurement()
+            return phase.repeat_calibration()
         case "break":
             return phase.request_break("experimenter")

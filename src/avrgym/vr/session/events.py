@@ -323,7 +323,7 @@ class EventSink:
         failure, self.failure = self.failure, None
         return failure
 
-    def forget_failures(self) -> None:
+    def clear_failures(self) -> None:
         """Clear all failures."""
         self.has_stored_all()
         self.failure = None

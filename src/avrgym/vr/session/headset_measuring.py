@@ -14,7 +14,7 @@ from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRP
 
 PoseGetter = Callable[[Tracking], XRPose | None]
 
-RESTS = "rests"
+ARM_AT_REST = "rests"
 """The value of ``with`` for an arm that the participant's input profile does not use."""
 WINDOW_S = 0.5
 MIN_WINDOW_FRAMES = 5
@@ -38,7 +38,7 @@ class HeadsetMeasurement:
         self._stop: str | None = None
         self._stop_after_s: float | None = None
 
-    def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
+    def add_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
         """Add a tracking frame. ``at_rest``: the participant rests. ``stretching``: they stretch their arms."""
         self._tracked.append(tracking)
         if at_rest:
@@ -46,22 +46,22 @@ class HeadsetMeasurement:
         if stretching:
             self._stretched.append(tracking)
 
-    def take_latency(self, latency: Latency) -> None:
+    def add_latency(self, latency: Latency) -> None:
         """Add the latencies of some frames."""
         self._latencies.append(latency)
 
-    def take_frames(self, drawn: HeadsetFrames) -> None:
+    def add_frames(self, drawn: HeadsetFrames) -> None:
         """Add the intervals between rendered frames."""
         self._drawn.append(drawn)
 
-    def take_stop(
+    def add_stop(
         self, method: StopMethod | Literal["experimenter", "none"], after_s: float | None = None
     ) -> None:
         """Add the method of the test stop, and its delay after the request. ``none``: no stop within the time limit."""
         self._stop, self._stop_after_s = method, after_s
 
     @property
-    def has_motors(self) -> bool:
+    def has_controller(self) -> bool:
         """Whether a hand holds a controller, and can thus receive haptic feedback."""
         newest = self._tracked[-1] if self._tracked else None
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
@@ -76,7 +76,7 @@ class HeadsetMeasurement:
         display_hz = latest.display_hz if latest else None
 
         def hand(arm: Arm, modality: str, take: PoseGetter) -> TrackedPart:
-            return self._part(modality if arm in used_arms else RESTS, take, hand=True)
+            return self._part(modality if arm in used_arms else ARM_AT_REST, take, hand=True)
 
         return HeadsetCheck(
             device=latest.device if latest else "",

@@ -125,14 +125,14 @@ class SessionPlan:
         """Returns the settings of a trial's scene."""
         return self.settings if trial.settings is None else trial.settings
 
-    def items_after(self, trial: TrialPlan) -> Sequence[Item]:
+    def questionnaire_after(self, trial: TrialPlan) -> Sequence[Item]:
         """Returns the items of the questionnaire after a trial, in order."""
         if trial.practice:
             return ()
         return self.items if trial.items is None else trial.items
 
 
-def practised_trials(
+def trials_with_practice(
     environments: Sequence[str], policy: str | None, trials: int, seed: int
 ) -> list[TrialPlan]:
     """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial.

@@ -5,7 +5,7 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.recording.input_profile import InputProfile
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
-from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.obstruction import ObstructionMonitor
 from avrgym.vr.live_world.scene_message import most_loaded_region
 from avrgym.vr.live_world.world import LiveWorld
@@ -105,7 +105,7 @@ def status(
         right_modality=right,
         needed_parts=[part for part in world.task.tracked if profile.needs(part)],
         untracked_parts=[part for part in tracking.untracked if profile.needs(part)],
-        operated=isinstance(driver, Operator),
+        operated=isinstance(driver, OperatorDriver),
         idle=driver.idle or bool(tracking.lost),
         latency=latency,
         streams=streams,

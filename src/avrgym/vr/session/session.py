@@ -25,7 +25,7 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
-from avrgym.vr.session.dispatch import take_message
+from avrgym.vr.session.dispatch import handle_message
 from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.interruptions import time_interruption, tracking_interruption
@@ -180,7 +180,7 @@ class Session:
         send(state.body_message())
         state.input.welcome(send, role)
         send(state.scene_message())
-        state.send_placed(send)
+        state.send_world_motion(send)
         if state.offered.commands:
             send(state.offered)
         self._announce(send)
@@ -188,7 +188,7 @@ class Session:
     def receive(self, message: Received, now_s: float) -> None:
         """Handle a message from the participant's or the experimenter's client."""
         self._state.now_s = now_s
-        self._go_to(take_message(self._phase, message))
+        self._go_to(handle_message(self._phase, message))
 
     def change_input(self, profile: InputProfile, now_s: float) -> None:
         """Change how the participant selects and stops."""
@@ -255,7 +255,7 @@ class Session:
         """Returns the phase that presents the open questionnaire of an earlier session."""
         state = self._state
         state.storage.questionnaire_attempt = QuestionnaireAttempt(left.trial, left.attempt, left.recording)
-        return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
+        return Questionnaire(state, Questions(state.plan.questionnaire_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
         """Returns the enter a phase, unless it is the current one. Returns whether the phase has changed."""

@@ -20,7 +20,7 @@ from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.latency import is_complete, percentiles_ms
-from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
@@ -159,9 +159,9 @@ class SessionState:
         if scene != self._sent_scene:
             self._sent_scene = scene
             self.send(scene)
-            self.send_placed(self.send)
+            self.send_world_motion(self.send)
 
-    def take_placing_tracking(self, tracking: messages.Tracking) -> None:
+    def locate_participant(self, tracking: messages.Tracking) -> None:
         """Add a tracking frame. The first usable frame determines the participant's position and direction."""
         frame = self.tracking.take(tracking, self.now_s)
         if frame.usable and self.tracking.registration is None:
@@ -169,7 +169,7 @@ class SessionState:
             self.tracking.place(tracking.head, self.person, self.world.scene_config.posture)
             self.send_changed_scene()
 
-    def send_placed(self, send: Send) -> None:
+    def send_world_motion(self, send: Send) -> None:
         """While the world moves after a participant who has slid, send its target pose."""
         placed = self.tracking.placed
         if placed is not None:
@@ -183,7 +183,7 @@ class SessionState:
             way_m = float(np.linalg.norm(glide.shift_w))
             self.record_event("seat_followed", f"{way_m:.2f} m")
             self.sink.report(events.SeatFollowed(self.now_s, way_m))
-            self.send_placed(self.send)
+            self.send_world_motion(self.send)
         after = self.tracking.registration
         if after is not None and after is not before:
             place = after.xr_from_world()
@@ -233,7 +233,7 @@ class SessionState:
         """
         self.person = replace(self.person, torso_height_m=torso_height_m)
         self.height_known = True
-        self.tracking.update_place(self.person)
+        self.tracking.update_location(self.person)
 
     def set_arm_scale(self, arm_scale: float) -> None:
         """Change the length of the body's arms. Raises ``ValueError`` outside the range of adults."""
@@ -295,7 +295,7 @@ class SessionState:
             self.sink.report(events.VisibilityFound(self.now_s))
         return False
 
-    def reset_place(self) -> None:
+    def reset_location(self) -> None:
         """Delete the participant's position and direction. The next usable frame determines them."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
@@ -351,7 +351,7 @@ class SessionState:
 
     def record_driver_failures(self) -> None:
         """Record when a failure of the driver begins or ends. Reports each kind of failure once per attempt."""
-        if isinstance(self.driver, Operator):
+        if isinstance(self.driver, OperatorDriver):
             self.driver.check_timeout(self.now_s)
         failure = self.driver.failure
         if failure == self.drivers.failure:
@@ -425,7 +425,7 @@ class SessionState:
     @property
     def withdraws(self) -> bool:
         """Whether the robot withdraws after success. With an operator it never does."""
-        return self.plan.withdraw_after_success and not isinstance(self.driver, Operator)
+        return self.plan.withdraw_after_success and not isinstance(self.driver, OperatorDriver)
 
     def record_withdrawal(self) -> None:
         """Record the start of a withdrawal after success."""

@@ -42,7 +42,7 @@ class TrialWorlds:
         """The address of the current world's scene."""
         return scene_url(self.number)
 
-    def is_fresh(self, trial: int, person: Person) -> bool:
+    def is_unused(self, trial: int, person: Person) -> bool:
         """Returns whether the current world was built for this trial and body, and its robot has not moved."""
         return self._fresh_for == _key(trial, person)
 

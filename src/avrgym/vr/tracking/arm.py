@@ -26,14 +26,14 @@ from avrgym.geometry.rotation_matrices import from_euler_xyz
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
 
-ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
-_RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
+ARM_JOINTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
+_RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_JOINTS]
 LOWER, UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
 _FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimum, np.maximum))
 """Each angle is reduced to ±π around a value between these bounds. This interval lies in the joint's range or covers
 it."""
 
-MAX_TURN_RAD = 0.0999
+MAX_ROTATION_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
 DETOUR_RAD = 1.2
 """If a joint must rotate by more than this, the hand may leave its path. No joint motion could keep the hand on it."""
@@ -53,7 +53,7 @@ RAISED_ELBOW_COST = 0.025
 """Half of the cost difference between an elbow opposite to its rest direction and an elbow at rest."""
 ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, slightly outwards and forwards."""
-COMFORTABLE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+COMFORTABLE_ANGLES_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,9 @@ class ArmSolver:
         hand_pos: FloatArray,
         hand_axes: FloatArray,
         start_rad: FloatArray,
-        turn_rad: float = MAX_TURN_RAD,
+        turn_rad: float = MAX_ROTATION_RAD,
     ) -> FloatArray:
-        """Returns the angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
+        """Returns the angles (A, 7) of the joints ``ARM_JOINTS`` that bring the hands of A arms to their poses.
 
         Args:
             hand_pos: the hands' centres (A, 3), metres. For positions out of reach the arm stretches towards them.
@@ -164,7 +164,7 @@ def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArr
     return wrist * (within_m / distance_m)[:, None] - to_wrist
 
 
-_COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
+_COS_MOST_BENT = cos(LOWER[ARM_JOINTS.index("elbow_x")])
 
 
 def comfortable_angles(
@@ -329,7 +329,7 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
     away = angles - _per_arm(
-        (MOTION_COST * start_rad + COMFORT_COSTS * COMFORTABLE_RAD) / (MOTION_COST + COMFORT_COSTS)
+        (MOTION_COST * start_rad + COMFORT_COSTS * COMFORTABLE_ANGLES_RAD) / (MOTION_COST + COMFORT_COSTS)
     )
     squares = OUT_OF_RANGE_COST * (outside * outside) + _per_arm((MOTION_COST + COMFORT_COSTS)[None]) * (
         away * away
@@ -353,9 +353,9 @@ def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float
     return np.minimum(np.maximum(x, lower), upper)
 
 
-def solution_ms(calls: int = 1000) -> float:
+def measure_solve_time_ms(calls: int = 1000) -> float:
     """Returns the median processor time in milliseconds for one arm. The hand circles in front of the chest."""
-    solver, angles = ArmSolver(Person()), AT_REST_RAD[None]
+    solver, angles = ArmSolver(Person()), REST_ANGLES_RAD[None]
     times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):
         hand_pos = np.array([[0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)]])
@@ -366,5 +366,5 @@ def solution_ms(calls: int = 1000) -> float:
 
 
 _FORWARD_AXES = from_euler_xyz(-0.5 * np.pi, 0.0, 0.0)
-AT_REST_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
+REST_ANGLES_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
 """Joint angles of an arm that hangs slightly forwards and outwards, with a bent elbow."""

@@ -12,17 +12,20 @@ from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
+from avrgym.vr.tracking.arm import ARM_JOINTS, MAX_ROTATION_RAD, ArmLengths, ArmSolver
 
 WAIST_YAW_SHARE = 0.3
 """The waist's share of the head's yaw (paper, section III)."""
 
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+HEAD_JOINTS = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
 WAIST_RANGES_RAD, HEAD_RANGES_RAD = (
-    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True)) for joints in (WAIST, HEAD)
+    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True))
+    for joints in (WAIST, HEAD_JOINTS)
 )
-ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in ("right", "left")}
+ARM_JOINTS_BY_SIDE = {
+    side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_JOINTS] for side in ("right", "left")
+}
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class BodySolver:
         self._arm = ArmSolver(person)
         self._known: tuple[BodyPose, _Aim] | None = None
 
-    def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_TURN_RAD) -> FloatArray:
+    def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_ROTATION_RAD) -> FloatArray:
         """Returns joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
         Waist and head follow immediately. Joints of arms rotate from ``start_rad`` (20,) by at most ``turn_rad``, so
@@ -145,7 +148,7 @@ class BodySolver:
             self._known = pose, self._aim(pose)
         aim = self._known[1]
         angles = np.array(start_rad, float)
-        angles[WAIST + HEAD] = aim.torso_rad
+        angles[WAIST + HEAD_JOINTS] = aim.torso_rad
         if aim.arms:
             start = aim.reflect * angles[aim.arms]
             angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start, turn_rad)
@@ -163,7 +166,7 @@ class BodySolver:
         reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
         return _Aim(
             torso_rad,
-            [ARMS[side] for side in hands],
+            [ARM_JOINTS_BY_SIDE[side] for side in hands],
             reflect * pos_t - self._shoulder_t,
             reflect[:, :, None] * reflect[:, None] * (torso_axes_w.T @ axes_w),
             np.where(_ABOUT_X, 1.0, reflect[:, :1]),
@@ -177,10 +180,10 @@ class BodySolver:
 
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 """Signs of a vector's coordinates that reflect a left hand at the plane x = 0."""
-_ABOUT_X = np.array([part.endswith("x") for part in ARM_PARTS])
+_ABOUT_X = np.array([part.endswith("x") for part in ARM_JOINTS])
 """Mask (7,) of an arm's joints whose angle does not change sign when mirrored."""
 
-RELAXED_RAD = human.joint_angles(
+RELAXED_ANGLES_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
 )
 """Joint angles with arms that hang slightly forwards and outwards, with bent elbows."""

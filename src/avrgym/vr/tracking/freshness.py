@@ -28,7 +28,7 @@ class Freshness:
             pose: XRPose | None = getattr(frame, part)
             if pose is None:
                 continue
-            if moves_by_mouse(frame, part) or pose != self._poses.get(part):
+            if is_moved_by_mouse(frame, part) or pose != self._poses.get(part):
                 self._measured_s[part] = now_s
             self._poses[part] = pose
 
@@ -41,7 +41,7 @@ class Freshness:
         return tuple(part for part in BODY_PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
 
 
-def moves_by_mouse(frame: Tracking, part: BodyPart) -> bool:
+def is_moved_by_mouse(frame: Tracking, part: BodyPart) -> bool:
     """Returns whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
     modalities = {"left": frame.left_modality, "right": frame.right_modality}
     return modalities[part] == "mouse" if part != "head" else "mouse" in modalities.values()

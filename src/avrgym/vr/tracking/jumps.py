@@ -10,13 +10,13 @@ import msgspec
 
 from avrgym.models.body_names import BODY_PARTS, BodyPart
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
-from avrgym.vr.tracking.freshness import moves_by_mouse
+from avrgym.vr.tracking.freshness import is_moved_by_mouse
 
 MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
-VALID_AFTER_S = 0.1
+RECOVERY_TIME_S = 0.1
 """A pose is valid again after this time without a jump."""
-LOST_AFTER_S = 0.2
+MAX_UNTRACKED_S = 0.2
 """After this time without tracking, a limb may have moved to any position."""
 RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
@@ -42,7 +42,7 @@ def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
     return XRPose((x, y, z), (qx, qy, qz, qw))
 
 
-class Limb:
+class LimbFilter:
     """The filtered pose of a head or hand. ``deviates``: the filtered pose differs from the tracked pose."""
 
     def __init__(self) -> None:
@@ -60,8 +60,8 @@ class Limb:
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
             jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
-            absent = measured and captured_s - self._measured_s > LOST_AFTER_S
-            self._valid_from_s = now_s + VALID_AFTER_S if jumped else self._valid_from_s
+            absent = measured and captured_s - self._measured_s > MAX_UNTRACKED_S
+            self._valid_from_s = now_s + RECOVERY_TIME_S if jumped else self._valid_from_s
             self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
@@ -84,11 +84,11 @@ class Limb:
         return self._followed
 
 
-class Limbs:
+class LimbFilters:
     """The filtered poses of head and hands during one stay in VR."""
 
     def __init__(self) -> None:
-        self._limbs: dict[BodyPart, Limb] = {part: Limb() for part in BODY_PARTS}
+        self._limbs: dict[BodyPart, LimbFilter] = {part: LimbFilter() for part in BODY_PARTS}
 
     @property
     def deviating_parts(self) -> tuple[BodyPart, ...]:
@@ -98,7 +98,7 @@ class Limbs:
     def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
         """Add a new frame, see ``Limb.update``."""
         for part, pose in _tracked(tracking).items():
-            may_repeat = moves_by_mouse(tracking, part)
+            may_repeat = is_moved_by_mouse(tracking, part)
             self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:

@@ -15,7 +15,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
+from avrgym.vr.tracking.body import HEAD_JOINTS, WAIST, resting_head_centre, skeleton
 
 SAMPLE_INTERVAL_TICKS = 10
 SAMPLES_PER_SECOND = 11
@@ -32,7 +32,7 @@ GLIDE_SPEED_M_S = 0.05
 
 
 @dataclass(frozen=True)
-class Glide:
+class SeatMotion:
     """A motion of the participant's floor in the world at constant speed: shift (3,) and duration."""
 
     shift_w: FloatArray
@@ -51,7 +51,7 @@ class SlidingMonitor:
         self._rest_w = resting_head_centre(person, posture)
         self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
 
-    def update(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
+    def update(self, head: Pose, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """Returns the motion of the room if the participant has slid, otherwise ``None``.
 
         Arguments are the tracked head pose and the solved joint angles (20,).
@@ -73,12 +73,12 @@ class SlidingMonitor:
 
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Returns the head's centre (3,) for joint angles (20,)."""
-        waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD].tolist()
+        waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD_JOINTS].tolist()
         torso_axes_w = self._hips_axes_w @ from_euler_xyz(*waist)
         up_w = (torso_axes_w @ from_euler_xyz(*head))[:, 2]
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
 
-    def _glide(self, head: Pose) -> Glide | None:
+    def _glide(self, head: Pose) -> SeatMotion | None:
         """Returns the shortest horizontal motion after which the torso reaches the head joints.
 
         Returns ``None`` if this motion is too small or too large.
@@ -95,4 +95,4 @@ class SlidingMonitor:
         if not SLIDING_THRESHOLD_M < shift_m <= MAX_SHIFT_M:
             return None
         self.reset()
-        return Glide(-shift_m * direction, shift_m / GLIDE_SPEED_M_S)
+        return SeatMotion(-shift_m * direction, shift_m / GLIDE_SPEED_M_S)

@@ -82,7 +82,7 @@ def correction_between(grip: XRPose, followed: XRPose) -> Correction:
     return Correction(pos, turn_rad)
 
 
-class Hand:
+class HandDevice:
     """The device and correction of one hand."""
 
     def __init__(self, side: Side) -> None:
@@ -115,11 +115,11 @@ class Hand:
             self._correction, self._rested = correction.after(way_m), np.array(grip.position)
 
 
-class Hands:
+class HandDevices:
     """The devices and corrections of both hands during one stay in VR."""
 
     def __init__(self) -> None:
-        self._left, self._right = Hand("left"), Hand("right")
+        self._left, self._right = HandDevice("left"), HandDevice("right")
 
     def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
         """Returns the frame, with its hand poses replaced by the corrected grips."""
@@ -132,7 +132,7 @@ class Hands:
         )
 
 
-def _grip(hand: Hand, pose: XRPose | None, modality: Modality, captured_s: float) -> XRPose | None:
+def _grip(hand: HandDevice, pose: XRPose | None, modality: Modality, captured_s: float) -> XRPose | None:
     return None if pose is None else hand.grip(pose, modality, captured_s)
 
 

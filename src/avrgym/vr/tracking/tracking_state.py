@@ -16,9 +16,9 @@ from avrgym.vr.protocol.messages import TICK_S, XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
-from avrgym.vr.tracking.jumps import Limbs
-from avrgym.vr.tracking.sliding import SAMPLE_INTERVAL_TICKS, Glide, SlidingMonitor
-from avrgym.vr.tracking.switches import Hands
+from avrgym.vr.tracking.jumps import LimbFilters
+from avrgym.vr.tracking.sliding import SAMPLE_INTERVAL_TICKS, SeatMotion, SlidingMonitor
+from avrgym.vr.tracking.switches import HandDevices
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class TrackingState:
         self.registration: Registration | None = None
         self._followed: Frame | None = None
         self._tracked: messages.Tracking | None = None
-        self._hands, self._limbs = Hands(), Limbs()
+        self._hands, self._limbs = HandDevices(), LimbFilters()
         self.untracked: tuple[BodyPart, ...] = ()
         self.lost: tuple[BodyPart, ...] = ()
         self._feed = TrackingFeed()
@@ -63,7 +63,7 @@ class TrackingState:
         self._posture = SEATED
         self._sliding: SlidingMonitor | None = None
         self._ticks = 0
-        self._glide: Glide | None = None
+        self._glide: SeatMotion | None = None
 
     def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
         """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
@@ -108,16 +108,16 @@ class TrackingState:
     def place(self, head: XRPose, person: Person, posture: Posture) -> None:
         """Place the seat or bed to fit the headset of a participant at rest."""
         self._resting, self._posture = head, posture
-        self.update_place(person)
+        self.update_location(person)
 
-    def update_place(self, person: Person) -> None:
+    def update_location(self, person: Person) -> None:
         """Adapt the registration to a person with another torso height. The participant's seat does not move."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
-    def reset_place(self) -> None:
+    def reset_location(self) -> None:
         """Delete the participant's position and direction. The next usable frame determines them."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
@@ -171,7 +171,7 @@ class TrackingState:
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
         return messages.Placed(there.xr_from_world(), self._glide.seconds)
 
-    def follow_seat(self, joint_angles_rad: FloatArray) -> Glide | None:
+    def follow_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``follow``.
 
         ``joint_angles_rad`` (20,) are the body's targets. Returns the motion in the tick in which it starts.
@@ -196,7 +196,7 @@ class TrackingState:
         self._glide = self._sliding.update(head, joint_angles_rad)
         return self._glide
 
-    def _go_on(self, glide: Glide) -> None:
+    def _go_on(self, glide: SeatMotion) -> None:
         """Move the participant's floor by one tick of the remaining shift."""
         assert self.registration is not None
         assert self._resting is not None
@@ -208,7 +208,7 @@ class TrackingState:
         self.registration = replace(self.registration, origin_w=self.registration.origin_w + step_w)
         self._pose = None
         left_s = glide.seconds - TICK_S
-        self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
+        self._glide = SeatMotion(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
     def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
         """Returns the target pose of the body. Without a new frame, deviating parts continue to their tracked poses."""

@@ -9,9 +9,9 @@ from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
 from avrgym.vr.session.phases.checking import (
     CheckAtRest,
+    CheckFeedback,
     CheckMoving,
     CheckResult,
-    CheckSenses,
     CheckStart,
     CheckStop,
     CheckStretched,
@@ -68,7 +68,7 @@ AfterLoading = TrialStart | Check
 """Phases that may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
+    Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckFeedback, CheckResult, Calibration,
     ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, ConfirmReady,
     FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm, Break,
     BreakQuestionnaire, Paused,

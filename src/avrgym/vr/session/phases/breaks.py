@@ -7,12 +7,12 @@ from typing import Self
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrials, InPlace
+from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, LocatedPhase
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
 
-class Break(BetweenTrials):
+class Break(BetweenTrialsPhase):
     """The participant takes a break, with or without the headset. The trigger ends it."""
 
     name = "break"
@@ -31,7 +31,7 @@ class Break(BetweenTrials):
         return self
 
 
-class BreakQuestionnaire(InPlace):
+class BreakQuestionnaire(LocatedPhase):
     """The participant answers the questions after a break. The answers are stored after the last one."""
 
     name = "questionnaire"

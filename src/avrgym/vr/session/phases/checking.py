@@ -11,7 +11,7 @@ from avrgym.vr.headset_check import is_ready, result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
-from avrgym.vr.session.phases.kinds import InVR, text_for_arms
+from avrgym.vr.session.phases.kinds import VrPhase, text_for_arms
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -34,7 +34,7 @@ SIGNAL_INTERVAL_S = 1.0
 SIGNAL_DURATION_S = 0.5
 
 
-class HeadsetCheckPhase(InVR):
+class HeadsetCheckPhase(VrPhase):
     """Base class of the phases of the headset check. The experimenter can skip the check."""
 
     moves = True
@@ -43,9 +43,9 @@ class HeadsetCheckPhase(InVR):
         super().__init__(state)
         self._measurement = measurement
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.Tracking) -> None:
         """Add a tracking frame. The first usable frame places the participant, so frames are rendered as in a trial."""
-        self.state.take_placing_tracking(tracking)
+        self.state.locate_participant(tracking)
 
     @property
     def _durations(self) -> HeadsetCheckPlan:
@@ -57,12 +57,14 @@ class HeadsetCheckPhase(InVR):
         self.state.sink.report(events.HeadsetCheckSkipped(self.state.now_s))
         return self._calibrate_again()
 
-    def _ask_senses(self) -> CheckSenses | CheckResult:
+    def _ask_senses(self) -> CheckFeedback | CheckResult:
         """Returns the phase that asks about haptics and sound, if the plan has them; otherwise the result."""
         plan = self.state.plan
-        asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_motors) + [SOUND_ITEM] * plan.sounds
+        asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_controller) + [
+            SOUND_ITEM
+        ] * plan.sounds
         if asked:
-            return CheckSenses(self.state, self._measurement, asked)
+            return CheckFeedback(self.state, self._measurement, asked)
         return CheckResult(self.state, self._measurement, {})
 
 
@@ -89,17 +91,17 @@ class TimedMeasurement(HeadsetCheckPhase, ABC):
     name = "headset_check"
     at_rest = stretching = False
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
-        super().take_tracking(tracking)
-        self._measurement.take_tracking(tracking, at_rest=self.at_rest, stretching=self.stretching)
+    def on_tracking(self, tracking: messages.Tracking) -> None:
+        super().on_tracking(tracking)
+        self._measurement.add_tracking(tracking, at_rest=self.at_rest, stretching=self.stretching)
 
-    def take_latency(self, latency: messages.Latency) -> None:
+    def on_latency(self, latency: messages.Latency) -> None:
         taken = self.state.take_latency(latency)
         if taken is not None:
-            self._measurement.take_latency(taken)
+            self._measurement.add_latency(taken)
 
-    def take_frames(self, drawn: messages.HeadsetFrames) -> None:
-        self._measurement.take_frames(drawn)
+    def on_frames(self, drawn: messages.HeadsetFrames) -> None:
+        self._measurement.add_frames(drawn)
 
     @abstractmethod
     def on_timeout(self) -> CheckStretched | CheckMoving | CheckStop:
@@ -165,26 +167,26 @@ class CheckStop(HeadsetCheckPhase):
 
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
-    ) -> CheckSenses | CheckResult | Self:
+    ) -> CheckFeedback | CheckResult | Self:
         """Store the participant's test stop and continue.
 
         A stop by the experimenter counts only if the participant's input profile contains it.
         """
         after_s = self.state.now_s - self._asked_s
         if by == "participant":
-            self._measurement.take_stop(method or "page", after_s)
+            self._measurement.add_stop(method or "page", after_s)
         elif "experimenter" in self.state.input.profile.stop_ways:
-            self._measurement.take_stop("experimenter", after_s)
+            self._measurement.add_stop("experimenter", after_s)
         else:
             return self._report("the participant tries the stop; skip the check to go on without")
         return self._ask_senses()
 
-    def on_timeout(self) -> CheckSenses | CheckResult:
-        self._measurement.take_stop("none")
+    def on_timeout(self) -> CheckFeedback | CheckResult:
+        self._measurement.add_stop("none")
         return self._ask_senses()
 
 
-class CheckSenses(HeadsetCheckPhase):
+class CheckFeedback(HeadsetCheckPhase):
     """The participant answers whether haptics and sound work."""
 
     name = "headset_check"

@@ -7,12 +7,12 @@ from typing import Self
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import BetweenTrials
+from avrgym.vr.session.phases.kinds import BetweenTrialsPhase
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import SessionState
 
 
-class Paused(BetweenTrials):
+class Paused(BetweenTrialsPhase):
     """The robot does not move until the participant presses the trigger, or the experimenter continues."""
 
     name = "paused"
@@ -39,7 +39,7 @@ class RecordingFailed(Paused):
         super().__init__(state, Text("recording_failed"))
 
     def on_enter(self) -> None:
-        self.state.storage.give_up()
+        self.state.storage.discard_attempt()
 
 
 class Finished(Phase):

@@ -22,7 +22,7 @@ def text_for_arms(key: str, state: SessionState) -> str:
     return f"{key}_one" if len(state.input.profile.used_arms) == 1 else key
 
 
-class Ongoing(Phase):
+class OngoingPhase(Phase):
     """Base class of all phases except the last."""
 
     def enter_vr(self) -> phases.AfterEntering:
@@ -31,7 +31,7 @@ class Ongoing(Phase):
         state.abandon("interrupted")
         if state.plan.headset_check is None or state.headset_checked:
             return self._calibrate_again()
-        state.reset_place()
+        state.reset_location()
         return phases.CheckStart(state)
 
     def leave_vr(self) -> phases.AfterLeaving:
@@ -68,7 +68,7 @@ class Ongoing(Phase):
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Calibrate the participant again, in the current trial's seat or bed."""
-        self.state.reset_place()
+        self.state.reset_location()
         in_place = self.state.world.environment_id == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
@@ -92,7 +92,7 @@ class Ongoing(Phase):
             return phases.Break(state)
         if state.headset_time.questions_due and state.plan.break_items:
             return phases.BreakQuestionnaire(state)
-        if not state.worlds.is_fresh(state.trial, state.person):
+        if not state.worlds.is_unused(state.trial, state.person):
             return phases.LoadTrial(state)
         if state.calibrated_for != state.world.scene_config.posture:
             return phases.Calibration(state)
@@ -124,14 +124,14 @@ class Ongoing(Phase):
         return phases.Storing(state)
 
 
-class InVR(Ongoing):
+class VrPhase(OngoingPhase):
     """The participant is in VR."""
 
     def on_origin_reset(self) -> phases.AfterEntering:
         return self.enter_vr()
 
 
-class InPlace(InVR):
+class LocatedPhase(VrPhase):
     """The participant's position and direction are known, so a trial can start."""
 
     in_place = True
@@ -145,7 +145,7 @@ class InPlace(InVR):
         self.state.sink.report(events.TrialSkipped(self.state.now_s, self.state.trial + 1))
         return self._next_trial()
 
-    def repeat_measurement(self) -> phases.Calibration | phases.LoadCalibration:
+    def repeat_calibration(self) -> phases.Calibration | phases.LoadCalibration:
         self.state.abandon("interrupted")
         self.state.height_known = False
         return self._calibrate_again()
@@ -157,14 +157,14 @@ class InPlace(InVR):
         return phases.LoadCheck(self.state)
 
 
-class RobotFinished(InPlace):
+class RobotFinishedPhase(LocatedPhase):
     """The robot has finished, so the trial counts. After an absence, the participant answers the open questions."""
 
     robot_finished = True
 
     def enter_vr(self) -> phases.AfterRobot:
         self.state.away = None
-        self.state.reset_place()
+        self.state.reset_location()
         return self._ask()
 
     def on_origin_reset(self) -> phases.AfterRobot:
@@ -203,7 +203,7 @@ class RobotFinished(InPlace):
             self.state.sink.report(event)
         return self._complete_trial()
 
-    def repeat_measurement(self) -> Self:
+    def repeat_calibration(self) -> Self:
         self.state.height_known, self.state.calibrated_for = False, None
         return self._report("the participant is measured after the questions")
 
@@ -213,7 +213,7 @@ class RobotFinished(InPlace):
 
     @property
     def _unanswered(self) -> list[str]:
-        return [item.id for item in self.state.plan.items_after(self.state.current)]
+        return [item.id for item in self.state.plan.questionnaire_after(self.state.current)]
 
     def _continue_without_participant(self, why: Text) -> phases.AfterRobot:
         """Close the recording. On return, the participant answers the open questions and is then calibrated again."""
@@ -221,16 +221,16 @@ class RobotFinished(InPlace):
         failure = self.state.complete_attempt()
         if failure is not None:
             return self.fail(failure)
-        self.state.reset_place()
+        self.state.reset_location()
         return self._ask()
 
     def _ask(self) -> phases.AfterRobot:
         """Start the questionnaire of the trial, or continue without one."""
-        items = self.state.plan.items_after(self.state.current)
+        items = self.state.plan.questionnaire_after(self.state.current)
         return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
 
 
-class BetweenTrials(InPlace):
+class BetweenTrialsPhase(LocatedPhase):
     """No trial runs. The participant may start a trial or change their body."""
 
     awaits_ready = can_recalibrate = can_choose_body = True
@@ -255,7 +255,7 @@ class BetweenTrials(InPlace):
         return phases.Break(self.state)
 
 
-class Stoppable(InPlace):
+class StoppablePhase(LocatedPhase):
     """A trial runs, and the robot moves or is about to move."""
 
     moves = can_be_stopped = True

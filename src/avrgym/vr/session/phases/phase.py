@@ -49,15 +49,15 @@ class Phase:
 
     # Messages of the participant's client -------------------------------------------------------------------------
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.Tracking) -> None:
         """Take a tracking frame."""
         self.state.tracking.take(tracking, self.state.now_s)
 
-    def take_latency(self, latency: messages.Latency) -> None:
+    def on_latency(self, latency: messages.Latency) -> None:
         """Take the latencies of the last second."""
         self.state.take_latency(latency)
 
-    def take_frames(self, drawn: messages.HeadsetFrames) -> None:
+    def on_frames(self, drawn: messages.HeadsetFrames) -> None:
         """Take the intervals between the rendered frames of the last second."""
 
     def enter_vr(self) -> Phase:
@@ -142,7 +142,7 @@ class Phase:
         """Skip the current trial."""
         return self._refuse_out_of_place()
 
-    def repeat_measurement(self) -> Phase:
+    def repeat_calibration(self) -> Phase:
         """Calibrate the participant again."""
         return self._refuse_out_of_place()
 

@@ -15,7 +15,7 @@ from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrials, InVR, Ongoing, text_for_arms
+from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, OngoingPhase, VrPhase, text_for_arms
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
@@ -25,7 +25,7 @@ REACH_S, REACH_FRAMES = 5.0, 60
 """Duration of each pose in seconds, and the number of its last frames that are used."""
 
 
-class Waiting(Ongoing):
+class Waiting(OngoingPhase):
     """The participant is not in VR."""
 
     name = "waiting"
@@ -40,7 +40,7 @@ class Waiting(Ongoing):
         return self
 
 
-class Calibration(InVR):
+class Calibration(VrPhase):
     """The participant rests in the seat or bed and presses the trigger. This measures their torso height."""
 
     name = "calibration"
@@ -50,14 +50,14 @@ class Calibration(InVR):
         super().__init__(state)
         seated = state.world.scene_config.posture.seated
         self.message = Text("calibration_seated" if seated else "calibration_lying")
-        state.tracking.reset_place()
+        state.tracking.reset_location()
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
-        self.state.take_placing_tracking(tracking)
+    def on_tracking(self, tracking: messages.Tracking) -> None:
+        self.state.locate_participant(tracking)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
         if self.state.choose_body(choice, by):
-            self.state.tracking.update_place(self.state.person)
+            self.state.tracking.update_location(self.state.person)
             self.state.send_changed_scene()
         return self
 
@@ -86,7 +86,7 @@ class Calibration(InVR):
         return ReachForward(state) if measures_reach else LoadCheck(state)
 
 
-class ReachMeasurement(InVR, ABC):
+class ReachMeasurement(VrPhase, ABC):
     """The participant stretches the arms to measure their length. The trigger skips the measurement."""
 
     name = "reach"
@@ -99,7 +99,7 @@ class ReachMeasurement(InVR, ABC):
         self.message = Text(text_for_arms(self.pose_text, state))
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.Tracking) -> None:
         """Add a frame. Only the last frames are used."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
@@ -152,7 +152,7 @@ class ReachSideways(ReachMeasurement):
         return LoadCheck(state)
 
 
-class Loading(InVR, ABC):
+class LoadingPhase(VrPhase, ABC):
     """The current trial's world is being built and shown."""
 
     name = "loading"
@@ -164,7 +164,7 @@ class Loading(InVR, ABC):
     def wait(self) -> phases.AfterLoading | Self:
         """Show the prepared world. Continue when the client shows it."""
         state = self.state
-        if not state.worlds.is_fresh(state.trial, state.person):
+        if not state.worlds.is_unused(state.trial, state.person):
             state.worlds.prepare(state.trial, state.person)
             if not state.worlds.ready:
                 return self
@@ -184,28 +184,28 @@ class Loading(InVR, ABC):
         """Returns the next phase when the client shows the scene."""
 
 
-class LoadTrial(Loading):
+class LoadTrial(LoadingPhase):
     """The trial starts when its world is shown."""
 
     def loaded(self) -> phases.TrialStart:
         return self._begin_trial()
 
 
-class LoadCalibration(Loading):
+class LoadCalibration(LoadingPhase):
     """Calibration starts when the seat or bed is shown."""
 
     def loaded(self) -> Calibration:
         return Calibration(self.state)
 
 
-class LoadCheck(Loading):
+class LoadCheck(LoadingPhase):
     """The check of the body starts when the body is shown."""
 
     def loaded(self) -> Check:
         return Check(self.state)
 
 
-class Storing(InVR):
+class Storing(VrPhase):
     """A completed trial is being stored."""
 
     name = "loading"
@@ -215,14 +215,14 @@ class Storing(InVR):
         return self if self.state.storage.completing is not None else self._begin_trial()
 
 
-class Check(BetweenTrials):
+class Check(BetweenTrialsPhase):
     """The participant checks whether body and seat fit."""
 
     name = "check"
     message = Text("check")
 
 
-class ConfirmReady(BetweenTrials):
+class ConfirmReady(BetweenTrialsPhase):
     """The trial's scene is shown. The trial starts when the participant is ready."""
 
     name = "ready"

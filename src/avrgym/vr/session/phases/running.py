@@ -8,17 +8,17 @@ from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.safety.withdrawal import WITHDRAWAL
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.texts.interface_texts import Text
-from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import RobotFinished, Stoppable
+from avrgym.vr.session.phases.kinds import RobotFinishedPhase, StoppablePhase
 from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
 
-class FreeMovementBefore(Stoppable):
+class FreeMovementBefore(StoppablePhase):
     """The participant moves freely before the robot starts."""
 
     name = "free_before"
@@ -32,7 +32,7 @@ class FreeMovementBefore(Stoppable):
         return Countdown(self.state)
 
 
-class Countdown(Stoppable):
+class Countdown(StoppablePhase):
     """The robot is about to start. The countdown waits while the participant is untracked."""
 
     name = "countdown"
@@ -49,7 +49,7 @@ class Countdown(Stoppable):
         return Trial(self.state)
 
 
-class Trial(Stoppable):
+class Trial(StoppablePhase):
     """The robot moves."""
 
     name = "trial"
@@ -60,7 +60,7 @@ class Trial(Stoppable):
         return self.state.driver
 
     def drive(self, wish: messages.Drive) -> None:
-        if not isinstance(self.driver, Operator):
+        if not isinstance(self.driver, OperatorDriver):
             self._report("in this trial no operator drives the robot")
         else:
             self.driver.take_command(wish, self.state.now_s)
@@ -68,8 +68,8 @@ class Trial(Stoppable):
     def command_robot(self, command: CommandName, source: Source) -> None:
         self.state.take_command(command, source)
 
-    def take_tracking(self, tracking: messages.Tracking) -> None:
-        super().take_tracking(tracking)
+    def on_tracking(self, tracking: messages.Tracking) -> None:
+        super().on_tracking(tracking)
         if self.state.head_commands is not None:
             for command, source in self.state.head_commands.gestures(tracking):
                 self.state.take_command(command, source)
@@ -90,7 +90,7 @@ class Trial(Stoppable):
         return Retreat(self.state)
 
 
-class Retreat(RobotFinished):
+class Retreat(RobotFinishedPhase):
     """The robot moves its tool away from the person. The trial's results are already complete."""
 
     name = "retreat"
@@ -122,7 +122,7 @@ class Retreat(RobotFinished):
         return FreeMovementAfter(self.state)
 
 
-class FreeMovementAfter(RobotFinished):
+class FreeMovementAfter(RobotFinishedPhase):
     """The participant moves freely after the robot has finished. The next world is built."""
 
     name = "free_after"
@@ -146,7 +146,7 @@ class FreeMovementAfter(RobotFinished):
         return self._ask()
 
 
-class Questionnaire(RobotFinished):
+class Questionnaire(RobotFinishedPhase):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
@@ -203,7 +203,7 @@ class Questionnaire(RobotFinished):
         return self
 
 
-class Confirm(RobotFinished):
+class Confirm(RobotFinishedPhase):
     """Every question is answered. The participant confirms the answers, or goes back to change some."""
 
     name = "confirm"
