@@ -71,7 +71,7 @@ M = TypeVar("M", bound=Message)
 PATIENCE_S = 60.0
 TYPES = (
     "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, robot_command, visibility_changed, "
-    "recalibrate, origin_reset, answer"
+    "recalibrate, request_break, origin_reset, answer"
 )
 
 

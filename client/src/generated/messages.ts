@@ -40,7 +40,7 @@ export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type Shares = [number, number, number];
+export type SignedShares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
@@ -305,8 +305,8 @@ export interface Press {
 export interface Drive {
   type: "drive";
   engaged: boolean;
-  linear: Shares;
-  angular: Shares;
+  linear: SignedShares;
+  angular: SignedShares;
 }
 
 /** A command of the caregiver or the experimenter to the robot, as `RobotCommand`. */
