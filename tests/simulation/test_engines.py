@@ -41,7 +41,9 @@ def test_what_the_engine_lacks_is_named_with_its_cure(monkeypatch: pytest.Monkey
 
 
 def test_more_worlds_than_memory_are_refused_with_how_many_there_is_room_for() -> None:
-    with pytest.raises(ValueError, match=r"^100000000 worlds need \d+\.\d GiB .*; allowed: up to \d+ worlds$"):
+    with pytest.raises(
+        ValueError, match=r"^100000000 worlds need \d+\.\d GiB .*; allowed: up to \d+ worlds$"
+    ):
         Episodes(ENVIRONMENT, 100_000_000)
 
 

@@ -148,7 +148,10 @@ def test_data_requires_a_token(server: LiveServer, path: str) -> None:
     for wrong in ({}, {"authorization": "Bearer x"}, {"authorization": server.tokens.spectator}):
         assert request(server, "GET", path, **wrong) == 401
     for role in ("participant", "experimenter", "spectator"):
-        assert request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}") == GUARDED[path]
+        assert (
+            request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}")
+            == GUARDED[path]
+        )
 
 
 @pytest.mark.parametrize("path", ["/", *PAGES, *GUARDED])
