@@ -134,7 +134,7 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
         ({HUMAN: "up"}, "human: actions are of type str"),
         (
             {"nurse": np.zeros(7)},
-            "actions of robot, human, nurse; allowed: one action for each agent: robot, human",
+            "received actions for robot, human, nurse; allowed: one action for each agent: robot, human",
         ),
     ],
 )
@@ -146,7 +146,7 @@ def test_actions_that_cannot_be_are_refused_and_nothing_has_moved(changes, said)
     before = env.episodes.simulation.integration_state()
     with pytest.raises(ValueError, match=said):
         env.step({ROBOT: np.zeros(7), HUMAN: np.zeros(6)} | changes)
-    with pytest.raises(ValueError, match="actions of nobody"):
+    with pytest.raises(ValueError, match="received actions for nobody"):
         env.step({})
     assert_array_equal(env.episodes.simulation.integration_state(), before)
 

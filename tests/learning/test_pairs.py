@@ -434,7 +434,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
     configuration = json.loads((trained / "configuration.json").read_text())
     (alone / "configuration.json").write_text(json.dumps(configuration | {"pairing": None}))
     resumed = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", alone
-    assert_refused(run(*resumed), "contains no training with --recipe pair")
+    assert_refused(run(*resumed), "contains no training run with --recipe pair")
     assert not (tmp_path / "no").exists()
 
 

@@ -42,7 +42,7 @@ SiteName = Annotated[str, Column("Site of the participants, or `no site`.")]
 
 @dataclass(frozen=True, kw_only=True)
 class SiteOutcomeRow(Outcome):
-    """Results of the counted trials in one condition at one site."""
+    """Results of the analysed trials in one condition at one site."""
 
     site: SiteName
 

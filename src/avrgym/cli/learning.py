@@ -355,7 +355,7 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
         PAIR: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
-        raise ValueError(f"{folder} contains no training with --recipe {recipe}")
+        raise ValueError(f"{folder} contains no training run with --recipe {recipe}")
     return configuration
 
 

@@ -183,7 +183,7 @@ def _print_differences(found: "Verification") -> None:
         return
     if found.same_versions:
         raise ReplayError(
-            f"it differs although it was recorded with the installed versions, {found.recorded_with}"
+            f"the replay differs from the recording, although both used the same versions: {found.recorded_with}"
         )
     print_line(f"It was recorded with {found.recorded_with}; this is {versions()}.")
 

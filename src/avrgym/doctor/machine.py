@@ -60,7 +60,7 @@ def _user() -> str:
 
 
 def oversleep_s() -> float:
-    """Measures how much longer than one tick a sleep of one tick lasts. Returns the median in seconds."""
+    """Measures actual minus requested duration of a sleep of one tick. Returns the median in seconds."""
     excesses_s: list[float] = []
     for _ in range(SLEEP_COUNT):
         began = time.monotonic()

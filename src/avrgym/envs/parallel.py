@@ -152,7 +152,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         if set(actions) != set(self.possible_agents):
             found = ", ".join(actions) or "nobody"
             raise ValueError(
-                f"actions of {found}; allowed: one action for each agent: {', '.join(self.possible_agents)}"
+                f"received actions for {found}; allowed: one action for each agent: {', '.join(self.possible_agents)}"
             )
         return [self._checked_of(agent, actions[agent]) for agent in self.possible_agents]
 

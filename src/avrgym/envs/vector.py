@@ -101,7 +101,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self.metadata = {**metadata_of(self.episodes), "autoreset_mode": self.autoreset_mode}
         self._cameras = as_cameras(cameras, self.episodes.scene.robot)
         if self._cameras and engine != THREADS:
-            raise ValueError(f"cameras are rendered on the host; allowed: the engine {THREADS}, not {engine}")
+            raise ValueError(
+                f"camera images are rendered on the host, not with engine {engine!r}; allowed: {THREADS!r}"
+            )
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes, self._cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

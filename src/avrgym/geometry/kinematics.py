@@ -65,7 +65,7 @@ class Chain:
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
         """The chain as J + 1 links, in frames whose z axis is the joint axis. The last link ends at the tip.
 
-        Each link is a fixed displacement (3,) and the columns (3, 3) of a fixed rotation."""
+        Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]

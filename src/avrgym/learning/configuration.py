@@ -263,7 +263,7 @@ def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
 
 
 def contains_training(out: Path) -> bool:
-    """Whether a folder contains a training."""
+    """Returns whether a folder contains a training run."""
     return any((out / name).exists() for name in (CONFIGURATION_FILE, RECURRENT_FILE, VISUAL_FILE))
 
 

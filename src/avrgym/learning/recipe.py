@@ -13,7 +13,7 @@ CurvePoint = tuple[int, float, float]
 class Update:
     """Results of an update: the stage of the training, mean reward and success rate of the policy's latest episodes.
 
-    Mean reward and success rate are None if the policy has not driven an episode yet.
+    Mean reward and success rate are ``None`` before the policy completes its first episode.
     """
 
     stage: str

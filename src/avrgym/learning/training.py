@@ -98,9 +98,9 @@ def train(
 ) -> Policy:
     """Train a policy, and return it. Write policy, configuration, checkpoint and TensorBoard's log into ``out``.
 
-    With a pairing, ``human.safetensors`` contains the human's policy. The policy file contains results on the
-    validation split. If the training is interrupted, ``out`` contains the latest policy and checkpoint; ``resume``
-    continues the training.
+    If robot and human are trained together (``--recipe pair``), ``human.safetensors`` contains the human's policy. The
+    policy file contains results on the validation split. If the training is interrupted, ``out`` contains the latest
+    policy and checkpoint; ``resume`` continues the training.
 
     Args:
         configuration: settings of the training.
@@ -110,7 +110,7 @@ def train(
             the same.
 
     Raises:
-        ValueError: for an unknown environment, people or policy, or if another process starts a training in ``out``.
+        ValueError: for an unknown environment, people or policy, or if another process trains in ``out``.
         FileExistsError: if ``out`` already contains a training.
         RuntimeError: if the worlds do not fit into the cluster's memory, or the cluster does not answer.
     """

@@ -77,7 +77,7 @@ class ImpairedState:
 
 
 def unimpaired_signs(phase: FloatArray) -> MotorSigns:
-    """Returns the motor signs of n people without impairments. ``phase`` (n, 20) are random numbers."""
+    """Returns the motor symptoms of n people without impairments. ``phase`` (n, 20): random numbers in [0, 1)."""
     xp = namespace(phase)
     none, full = xp.zeros_like(phase), xp.ones_like(phase)
     return MotorSigns(

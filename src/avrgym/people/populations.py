@@ -27,8 +27,8 @@ HUMAN_FILE = "human.safetensors"
 class Population:
     """A population: a distribution of bodies and behaviour, a default impairment, and the policy of a trained human.
 
-    ``name`` is the name of the distribution or the path of the file. ``trained`` is the policy of a trained human.
-    ``trained`` is the policy of a trained human.
+    ``name`` is the name of the distribution or the path of the file. ``trained`` is the learned policy that moves a
+    trained human.
     """
 
     name: str

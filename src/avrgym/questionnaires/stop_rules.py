@@ -12,7 +12,8 @@ STOP_ACTIONS = ("pause", "end")
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """If the value of the answer to ``item`` is ``at_least`` or more, the session does ``then``: pause or end.
+    """If the answer to ``item`` has at least the value ``at_least``, the session executes the action ``then``: pause or
+    end.
 
     For a validated questionnaire, the values are those of its response scale. For the study's own items, they are 1 to
     ``points``.
@@ -32,7 +33,9 @@ class StopDecision(NamedTuple):
 
 @dataclass(frozen=True)
 class StopRules:
-    """Stop rules, and the questionnaires that contain their items."""
+    """Rules that stop or pause a session after an answer, such as strong nausea, and the questionnaires with these
+    items.
+    """
 
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()

@@ -97,14 +97,14 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> FloatArray:
-        """Take a step of 0.1 s in version 1 of the motion; returns the joint targets (N, 20) at its end.
+        """Advance the people's motion, version 1, by 0.1 s. Returns the joint targets (N, 20).
 
         Args:
             observe: returns the people's observation; called only if the people react to the tool.
             people: their bodies.
             limit: limits joint angles to the people's ranges.
-            which: mask (N,) of the worlds that take the step; ``None``: all. The returned targets of other worlds have
-                no meaning.
+            world_mask: mask (N,) of the worlds that are advanced; ``None``: all. The returned targets of other worlds
+                have no meaning.
         """
         old, offered, posture = self._state, self._offered, self._posture
         if isinstance(old, PartnerState):

@@ -91,8 +91,9 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
     """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire are a family.
 
-    Scores after trials: policies are compared, paired within participant × task × robot. There is a family of tests by
-    trial and a family by participant. Scores about sessions: after is compared with before, paired within participant.
+    Scores after trials: tests compare policies, paired within participant × task × robot. One family has trials as
+    units, another has participants. Scores about sessions: tests compare scores after and before the session, paired
+    within participant.
     """
     families: list[Family] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):

@@ -21,7 +21,9 @@ _AVERAGE = "no command was given"
 
 @dataclass(frozen=True, kw_only=True)
 class CommandRow(ParticipantColumns):
-    """The commands in one completed trial, in which a participant could command the robot or had preferences."""
+    """Commands in one completed trial. Only trials with commands or with the participant's preferences for the robot
+    have a row.
+    """
 
     position: Position
     task: TaskName

@@ -36,7 +36,9 @@ def actor_of(caller: Caller) -> Actor:
 
 @dataclass
 class CommandEntry:
-    """The participant in the log entry of a command. An enrolment sets the pseudonym when it is known."""
+    """Log entry of a command on the dashboard, with the pseudonym of the participant. An enrolment sets the pseudonym
+    after it is created.
+    """
 
     participant: str | None
 
@@ -49,7 +51,7 @@ class DashboardLog:
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a view, unless it continues an earlier view.
+        """Add an entry for a page that a caller views. Repeated requests of the same view add no entry.
 
         Raises ``StudyError`` if the entry cannot be stored.
         """

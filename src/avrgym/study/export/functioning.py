@@ -16,7 +16,7 @@ NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """Yields the number of analysed people with each possible answer to each question."""
+    """Yields, for each question about functioning, the number of analysed participants by answer."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]

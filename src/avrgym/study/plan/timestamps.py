@@ -95,7 +95,9 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
 
 
 def store_registration(folder: Path, url: str, on: date) -> None:
-    """Store a registration as a claim. Raises ``StudyError`` for an invalid URL, or if another one is stored."""
+    """Store URL and date of the plan's registration, as the experimenter enters them. They are not verified. Raises
+    ``StudyError`` for an invalid URL, or if another one is stored.
+    """
     if not url.startswith(("https://", "http://")) or not url.isprintable() or len(url) > 500:
         raise StudyError(
             f"{url[:100]!r} is not a valid URL; allowed: http://… or https://…, at most 500 characters"

@@ -79,7 +79,9 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
     if create:
         check_passphrase(passphrase)
     if not 1 < source.cost <= _MAX_COST:
-        raise StudyError(f"the cost in the identity file is {source.cost}; allowed: up to {_MAX_COST}")
+        raise StudyError(
+            f"the key derivation cost (n) in the identity file is {source.cost}; allowed: up to {_MAX_COST}"
+        )
     try:
         return _from_passphrase(passphrase, source.salt, source.cost)
     except ValueError as error:

@@ -44,7 +44,7 @@ def memory_expert(episodes: RunningEpisodes) -> Controller:
 
 
 class SwingToFront:
-    """Acts like the feedback expert, but approaches from the front only after the swing."""
+    """Moves the arm in front of the person first. Then acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Start at the present poses."""

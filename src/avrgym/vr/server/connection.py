@@ -74,7 +74,7 @@ class RateLimit:
 
 
 class FrameTimes:
-    """Times of tracking frames, from their arrival to the sending of the first state computed from them."""
+    """Latencies of tracking frames: from the arrival of a frame until the first state computed from it is sent."""
 
     def __init__(self) -> None:
         self._received_s: dict[int, float] = {}
