@@ -210,6 +210,7 @@ def test_states_alone_load_no_renderer():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_the_benchmark_has_a_row_for_each_kind_and_size():
     rows = measure_cameras(FEEDING, frames=1)

@@ -24,7 +24,9 @@ FEEDING = TASKS["Feeding"]
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.slow) if name in ("Drinking", "ArmManipulation") else name
+        pytest.param(name, marks=pytest.mark.slow)
+        if name in ("Feeding", "Drinking", "ArmManipulation")
+        else name
         for name in TASKS
     ],
 )
