@@ -313,7 +313,7 @@ def main() -> None:
     command, folder, *count = sys.argv[1], Path(sys.argv[2]), *map(int, sys.argv[3:])
     match command:
         case "simulate":
-            simulate(folder, folder / "group.toml", *(count or [40]), SEED)
+            simulate(folder, folder / "group.toml", count[0] if count else 40, SEED)
         case "recover":
             print(*recover(folder), sep="\n")
         case "distinguish":

@@ -11,13 +11,24 @@ Results are in `research/sensitivity.json`.
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from avrgym.learning.evaluation import evaluate
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution
 from avrgym.people.population_names import TRAIN_ZOO
-from avrgym.people.zoo.partners import PARAMETER_BOUNDS, PARTNER_PARAMETERS, PARTNERS, STYLE_LEVELS, ZOOS
+from avrgym.people.zoo.partners import (
+    ANY_VALUE,
+    PARAMETER_BOUNDS,
+    PARTNER_PARAMETERS,
+    PARTNERS,
+    SINGLE_STYLE_SETS,
+    STYLE_LEVELS,
+    PartnerSet,
+)
 from avrgym.people.zoo.styles import ASSUMPTION, PARAMETER_SOURCES, STYLES
 from figures_file import add, chosen, read, success
 from papers_results import row, short
@@ -46,7 +57,6 @@ def main() -> None:
 
 def measure(environments: Sequence[str]) -> None:
     """Evaluate each parameter at both ends of its range."""
-    values = {name: array.copy() for name, array in vars(PARTNER_PARAMETERS).items()}
     for environment in environments:
         for parameter in PARAMETER_SOURCES:
             for end, level in ENDS.items():
@@ -54,7 +64,6 @@ def measure(environments: Sequence[str]) -> None:
                 if name not in read(FIGURES_FILE):
                     _set_level(parameter, level)
                     result = evaluate(environment, "adaptive", TRAIN_ZOO, EPISODES, SEED)
-                    getattr(PARTNER_PARAMETERS, parameter)[:] = values[parameter]
                     add(FIGURES_FILE, name, chosen(result, FIGURES))
 
 
@@ -71,17 +80,22 @@ def _ranges(parameter: str) -> dict[str, tuple[float, float]]:
 
 def _value(ends: tuple[float, float], parameter: str, level: float) -> float:
     first, last = ends
-    return float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(parameter, (0.0, np.inf))))
+    return float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(parameter, ANY_VALUE)))
 
 
 def _set_level(parameter: str, level: float) -> None:
     """Restrict `zoo/train` to styles that use the parameter, and set it to a level of its range."""
     ranges = _ranges(parameter)
+    values = getattr(PARTNER_PARAMETERS, parameter).copy()
     for index, partner in enumerate(PARTNERS):
         if partner.style in ranges:
-            value = _value(ranges[partner.style], parameter, level)
-            getattr(PARTNER_PARAMETERS, parameter)[index] = value
-    ZOOS[TRAIN_ZOO].__init__(TRAIN_ZOO, list(ranges))
+            values[index] = _value(ranges[partner.style], parameter, level)
+    partners = PartnerSet(
+        replace(PARTNER_PARAMETERS, **{parameter: values}),
+        tuple(SINGLE_STYLE_SETS[f"{TRAIN_ZOO}/{style}"].groups[0] for style in ranges),
+    )
+    named = cast("dict[str, Distribution]", NAMED_DISTRIBUTIONS)
+    named[TRAIN_ZOO] = replace(named[TRAIN_ZOO], partners=partners)
 
 
 def _source(parameter: str) -> str:

@@ -10,7 +10,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.rehearsal import MARGIN_M, Rehearsal
 
 CROWDED_WORLDS = [7, 15, 29]
-"""People whom the Panda's links touch from the base with the highest isotropy."""
+"""People in contact with the Panda's links at the base with the highest isotropy."""
 
 
 def reset_episodes(robot: str, worlds: list[int]) -> Episodes:

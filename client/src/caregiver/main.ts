@@ -1,7 +1,7 @@
 import "../dashboard/dashboard.css";
 import "./caregiver.css";
 import { RobotCommandInput } from "../input/robot-commands";
-import { createElement, element } from "../page/dom";
+import { element, spectatorFrame, watchAddress } from "../page/dom";
 import { ENGLISH_TEXTS, textsOf, type Texts } from "../page/texts";
 import { Connection, type Link } from "../session/connection";
 import { linkText } from "../session/display-state";
@@ -19,9 +19,7 @@ class CaregiverPage {
   private shownAt = 0;
 
   constructor() {
-    const address = new URL("watch", location.origin + location.pathname);
-    address.protocol = location.protocol.replace("http", "ws");
-    this.connection = new Connection(address.href, token, false, {
+    this.connection = new Connection(watchAddress(), token, false, {
       message: (message) => this.receive(message),
       link: (link, code) => this.onLink(link, code),
     });
@@ -42,7 +40,7 @@ class CaregiverPage {
   }
 
   private onWelcome(): void {
-    if (!document.querySelector("iframe")) element("picture").append(picture());
+    if (!document.querySelector("iframe")) element("picture").append(spectatorFrame(element("scene-heading").textContent!, token));
     void this.loadQuestions();
   }
 
@@ -80,16 +78,6 @@ class CaregiverPage {
     const response = await fetch("study/care/answers", { method: "POST", headers, body }).catch(() => null);
     element("answered").textContent = this.texts.get(response?.ok ? "care_stored" : "care_failed");
   }
-}
-
-/** A frame with the spectator page. */
-function picture(): HTMLIFrameElement {
-  const frame = createElement("iframe");
-  const asked = new URLSearchParams(location.search);
-  asked.set("embedded", "1");
-  frame.title = element("scene-heading").textContent!;
-  frame.src = `spectator?${asked}#token=${token}`;
-  return frame;
 }
 
 new CaregiverPage().start();

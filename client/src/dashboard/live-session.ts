@@ -3,7 +3,7 @@ import { Connection, type Link, type Outgoing } from "../session/connection";
 import { isRunning, linkText } from "../session/display-state";
 import { OperatorControl } from "../input/operator-control";
 import { RobotCommandInput } from "../input/robot-commands";
-import { createElement, element } from "../page/dom";
+import { createElement, element, spectatorFrame, watchAddress } from "../page/dom";
 import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status, Targets } from "../generated/messages";
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
 import { ENGLISH_TEXTS } from "../page/texts";
@@ -33,9 +33,7 @@ export class Live {
     private readonly token: string,
     private readonly events: LiveEvents,
   ) {
-    const address = new URL("watch", location.origin + location.pathname);
-    address.protocol = location.protocol.replace("http", "ws");
-    this.connection = new Connection(address.href, token, false, {
+    this.connection = new Connection(watchAddress(), token, false, {
       message: (message) => this.receive(message),
       link: (link, code) => this.onLink(link, code),
     });
@@ -81,11 +79,7 @@ export class Live {
 
   /** A frame with the spectator page. It also forwards this page's keys, except Esc, which it handles. */
   private picture(): HTMLIFrameElement {
-    const frame = document.createElement("iframe");
-    const asked = new URLSearchParams(location.search);
-    asked.set("embedded", "1");
-    frame.title = "What happens in the simulation";
-    frame.src = `spectator?${asked}#token=${this.token}`;
+    const frame = spectatorFrame("What happens in the simulation", this.token);
     frame.addEventListener("load", () => {
       const inside = frame.contentWindow;
       if (!inside) return;

@@ -10,6 +10,23 @@ export function createElement<K extends keyof HTMLElementTagNameMap>(name: K, te
   return element;
 }
 
+/** A frame with the spectator page. */
+export function spectatorFrame(title: string, token: string): HTMLIFrameElement {
+  const frame = createElement("iframe");
+  const asked = new URLSearchParams(location.search);
+  asked.set("embedded", "1");
+  frame.title = title;
+  frame.src = `spectator?${asked}#token=${token}`;
+  return frame;
+}
+
+/** The address of the WebSocket for pages that watch the session. */
+export function watchAddress(): string {
+  const address = new URL("watch", location.origin + location.pathname);
+  address.protocol = location.protocol.replace("http", "ws");
+  return address.href;
+}
+
 /** The response of the server to an authenticated request. */
 export async function fetchBytes(url: string, token: string): Promise<ArrayBuffer> {
   const response = await fetch(url, { headers: { Authorization: `Bearer ${token}` } });

@@ -42,7 +42,7 @@ export class World {
   private firstPerson = false;
   /** Amputated arms, which are not drawn. */
   absentArms: readonly Side[] = [];
-  /** Whether the world moves to its new pose at once. */
+  /** Whether the world moves to its new pose in one step. */
   reducedMotion = false;
   private motion: Motion | null = null;
 
@@ -64,7 +64,7 @@ export class World {
     else content.dispose();
   }
 
-  /** Moves the whole world linearly to another pose, or at once with reduced motion. */
+  /** Moves the whole world linearly to another pose, or in one step with reduced motion. */
   move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
     const from = this.root.position.clone();
     const lastsMs = this.reducedMotion ? 0 : 1000 * seconds;

@@ -36,7 +36,7 @@ from avrgym.cli.terminal import (
     write_json,
 )
 from avrgym.commands.input_names import INPUT_METHODS
-from avrgym.commands.respondents import CONSENT_ROLES
+from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT
 from avrgym.models.body_names import SEXES
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ def _record(store: "Store", person: "Participant", by: str) -> bool:
     from avrgym.study.people.participants import record_consent
 
     complete = record_consent(store, person.pseudonym, by)
-    log(store, "consent", person.pseudonym, detail="" if by == CONSENT_ROLES[0] else by)
+    log(store, "consent", person.pseudonym, detail="" if by == PARTICIPANT else by)
     if not complete:
         missing = "assent" if by == "proxy" else "proxy"
         print_line(f"{person}: stored; next `avrgym study consent {store.folder} {person} --by {missing}`")

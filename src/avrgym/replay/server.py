@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import msgspec
 from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
@@ -13,6 +12,7 @@ from avrgym.replay.timeline import Timeline, export_recorded_scene
 from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.authentication import SameOriginOnly, Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.request_body import json_response
 from avrgym.vr.server.web_server import STATIC_FOLDER, WebServer, check_page, listen
 
 
@@ -30,7 +30,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
     @app.get("/timeline")
     async def read_timeline(request: Request) -> Response:
         check(request)
-        return Response(msgspec.json.encode(timeline), media_type="application/json")
+        return json_response(timeline)
 
     @app.get("/poses")
     async def read_poses(request: Request) -> Response:

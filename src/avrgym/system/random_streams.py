@@ -226,7 +226,7 @@ def arm_pose_generator() -> Generator:
     return default_rng(0)
 
 
-def fitted_partners() -> Generator:
+def fitted_partner_generator() -> Generator:
     """Returns the random generator for the behaviour parameters of a fitted population."""
     return default_rng(0)
 

@@ -41,6 +41,7 @@ class Rehearsal:
     ) -> None:
         """Store the path from start poses, (n, 3) and (n, 4), over goals, (n, G, 3) and (n, G, 4)."""
         self._scene, self._chain = scene, chain
+        self._goals = goal_pos_w, goal_q_w
         self._path = _interpolated(
             np.concatenate([start_pos_w[:, None], goal_pos_w], axis=1),
             np.concatenate([start_q_w[:, None], goal_q_w], axis=1),
@@ -115,20 +116,6 @@ class Rehearsal:
 class WayRehearsal(Rehearsal):
     """Computes the cost of the ways from the start to each goal: whether links collide with each other or with
     furniture."""
-
-    def __init__(
-        self,
-        scene: SceneConfig,
-        chain: kinematics.Chain,
-        people: People,
-        start_pos_w: FloatArray,
-        start_q_w: FloatArray,
-        goal_pos_w: FloatArray,
-        goal_q_w: FloatArray,
-    ) -> None:
-        """Store the goals. The arguments are those of ``Rehearsal``."""
-        super().__init__(scene, chain, people, start_pos_w, start_q_w, goal_pos_w, goal_q_w)
-        self._goals = goal_pos_w, goal_q_w
 
     def _cost(
         self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray

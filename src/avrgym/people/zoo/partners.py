@@ -197,7 +197,7 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
             with normally distributed parameters, clipped to ``PARAMETER_BOUNDS``. Parameters without estimate are the
             defaults.
     """
-    random = random_streams.fitted_partners()
+    random = random_streams.fitted_partner_generator()
     normal = random.standard_normal((FITTED_PARTNERS, len(PARAMETER_NAMES)))
     values = [
         {

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.commands.respondents import RESPONDENTS
+from avrgym.commands.respondents import PARTICIPANT
 from avrgym.recording import answers_file
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
@@ -286,7 +286,7 @@ class _Rebuilding:
         if state in PARTICIPATING and not plan:
             state = UNKNOWN
         row = values | {"number": number, "state": state, "cell": cell}
-        if recorded_attempts and recorded_attempts[-1].configuration.respondent != RESPONDENTS[0]:
+        if recorded_attempts and recorded_attempts[-1].configuration.respondent != PARTICIPANT:
             row["respondent"] = recorded_attempts[-1].configuration.respondent
         hash_chain.insert(connection, schema.PARTICIPANT, **row)
         self._unknown += state == UNKNOWN
@@ -368,7 +368,7 @@ class _Rebuilding:
         for time_ns, answer in latest.values():
             given = late.get(answer.item) or _stored(recorded.began_at + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
-            if recorded.configuration.respondent != RESPONDENTS[0]:
+            if recorded.configuration.respondent != PARTICIPANT:
                 row["respondent"] = recorded.configuration.respondent
             hash_chain.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row

@@ -6,14 +6,14 @@ return them.
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol
 
 import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, change_preferences
-from avrgym.commands.respondents import CONSENT_ROLES
+from avrgym.commands.respondents import PARTICIPANT
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
@@ -41,7 +41,7 @@ from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.server.authentication import Caller, Tokens
-from avrgym.vr.server.request_body import read_json_body
+from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
 from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
@@ -141,7 +141,7 @@ class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     version: str
-    role: str = CONSENT_ROLES[0]
+    role: str = PARTICIPANT
 
 
 class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -373,10 +373,10 @@ def dashboard_app(
 
     dashboard, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
-    app.add_exception_handler(StudyError, _refuse(409))
-    app.add_exception_handler(PossibleDuplicate, _refuse(409, confirm="duplicate"))
-    app.add_exception_handler(PolicyError, _refuse(409))
-    app.add_exception_handler(OSError, _refuse(507))
+    app.add_exception_handler(StudyError, refuse_with(409))
+    app.add_exception_handler(PossibleDuplicate, refuse_with(409, confirm="duplicate"))
+    app.add_exception_handler(PolicyError, refuse_with(409))
+    app.add_exception_handler(OSError, refuse_with(507))
 
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
@@ -385,18 +385,18 @@ def dashboard_app(
         own = dashboard.live.caregiver_links.link if dashboard.live else None
         caregiver = tuple(caregiver_addresses(own)) if own else ()
         furniture, name = dashboard.furniture, _caller(request).name
-        return _json(overview(store, dashboard.participant, furniture, name, link, caregiver))
+        return json_response(overview(store, dashboard.participant, furniture, name, link, caregiver))
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
         log.view(_caller(request), VIEW_RESULTS)
-        return _json(results_view(store))
+        return json_response(results_view(store))
 
     @app.get("/participants/{pseudonym}")
     def read_participant(pseudonym: str, request: Request) -> Response:
         view = participant_view(store, pseudonym)
         log.view(_caller(request), "view participant", pseudonym)
-        return _json(view)
+        return json_response(view)
 
     def logged(caller: Caller, new: Enrolment) -> dict[str, str]:
         with log.command(caller, "enrol", None) as entry:
@@ -406,7 +406,11 @@ def dashboard_app(
 
     @app.post("/participants")
     async def enrol_somebody(request: Request) -> Response:
-        return _json(await run_in_threadpool(logged, _caller(request), await _body(request, Enrolment)))
+        return json_response(
+            await run_in_threadpool(
+                logged, _caller(request), await decode_body(request, Enrolment, MAX_BODY_BYTES)
+            )
+        )
 
     if live is not None:
         app.mount("/care", caregiver_app(store, tokens, live))
@@ -428,7 +432,9 @@ def _endpoint(
             act(replace(dashboard, experimenter=caller.name), pseudonym, body)
 
     async def endpoint(pseudonym: str, request: Request) -> Response:
-        await run_in_threadpool(logged, _caller(request), pseudonym, await _body(request, kind))
+        await run_in_threadpool(
+            logged, _caller(request), pseudonym, await decode_body(request, kind, MAX_BODY_BYTES)
+        )
         return Response(status_code=204)
 
     return endpoint
@@ -436,29 +442,3 @@ def _endpoint(
 
 def _caller(request: Request) -> Caller:
     return request.state.caller
-
-
-B = TypeVar("B", bound=msgspec.Struct)
-
-
-async def _body(request: Request, kind: type[B]) -> B:
-    """Returns the decoded request body. Error messages contain no values, because values may be names of people."""
-    data = await read_json_body(request, MAX_BODY_BYTES)
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise HTTPException(422, str(error)) from None
-    except RecursionError:
-        raise HTTPException(422, "nested too deeply") from None
-
-
-def _json(value: Any) -> Response:
-    return Response(msgspec.json.encode(value), media_type="application/json")
-
-
-def _refuse(status: int, **more: str) -> Callable[[Request, Exception], Response]:
-    def refuse(_request: Request, error: Exception) -> Response:
-        body = msgspec.json.encode({"detail": str(error), **more})
-        return Response(body, status, media_type="application/json")
-
-    return refuse

@@ -15,7 +15,7 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_session
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.request_body import read_json_body
+from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
 
 MAX_BODY_BYTES = 1 << 10
 
@@ -52,22 +52,15 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
     app = FastAPI(openapi_url=None, dependencies=[Depends(caregiver_only)])
 
-    @app.exception_handler(StudyError)
-    def refuse(_request: Request, error: Exception) -> Response:
-        return Response(msgspec.json.encode({"detail": str(error)}), 409, media_type="application/json")
+    app.add_exception_handler(StudyError, refuse_with(409))
 
     @app.get("/items")
     def read_items(request: Request) -> Response:
-        found = caregiver_items(store, request.state.session)
-        return Response(msgspec.json.encode(found), media_type="application/json")
+        return json_response(caregiver_items(store, request.state.session))
 
     @app.post("/answers")
     async def answer(request: Request) -> Response:
-        data = await read_json_body(request, MAX_BODY_BYTES)
-        try:
-            given = msgspec.json.decode(data, type=CaregiverAnswer)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            raise HTTPException(422, str(error)) from None
+        given = await decode_body(request, CaregiverAnswer, MAX_BODY_BYTES)
         stored = Answer(given.item, given.value, given.response_time_s)
         await run_in_threadpool(record_caregiver_answer, store, request.state.session, stored)
         return Response(status_code=204)

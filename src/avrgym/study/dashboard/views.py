@@ -10,7 +10,6 @@ import msgspec
 
 from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, Preferences, describe_preferences
-from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
 from avrgym.recording.schema import Metrics
@@ -249,7 +248,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         furniture=furniture_of(store, pseudonym),
         preferences=own,
         preferences_words="" if own is None else describe_preferences(own, texts.language),
-        respondent=participant.respondent or RESPONDENTS[0],
+        respondent=participant.answered_by,
         sessions=tuple(summarise_sessions(store, pseudonym)),
         scores=tuple(_scores(store, participant)),
         trials=tuple(_trial(design, trial, attempts[trial.id], left) for trial in store.trials(pseudonym)),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
-from avrgym.commands.respondents import RESPONDENTS
+from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
@@ -33,8 +33,8 @@ class Score:
     @property
     def _respondent(self) -> str:
         """A proxy if one of the answers is that of a proxy."""
-        given = {answer.stored.respondent or RESPONDENTS[0] for answer in self.answers}
-        return RESPONDENTS[1] if RESPONDENTS[1] in given else self.answers[-1].identifiers().respondent
+        given = [answer.stored.answered_by for answer in self.answers]
+        return PROXY if PROXY in given else given[-1]
 
     def row(self) -> ScoreRow:
         """Returns this score as a row of a table."""

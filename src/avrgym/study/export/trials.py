@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrgym.array_types import NumpyArray
-from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.cameras import as_cameras, image_entries
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
@@ -173,7 +172,7 @@ class ExportedAnswer:
             policy=attempt and attempt.trial.policy,
             attempt=attempt and attempt.attempt.number,
             moment=self.moment,
-            respondent=self.stored.respondent or RESPONDENTS[0],
+            respondent=self.stored.answered_by,
             questionnaire=self.questionnaire.name,
         )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.commands.respondents import CONSENT_ROLES
+from avrgym.commands.respondents import PARTICIPANT
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
@@ -75,7 +75,7 @@ def store_consent(
             f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = now(), _archived(connection, shown, archive)
-    stored_role = None if role == CONSENT_ROLES[0] else role
+    stored_role = None if role == PARTICIPANT else role
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
     key = hash_chain.insert(
         connection, schema.CONSENT, participant=participant.number, role=stored_role, **row

@@ -1,11 +1,7 @@
 """A participant's own wheelchair and bed: stored as events, used in all sessions of the participant."""
 
-import msgspec
-
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.study.storage.rows import participant_number
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_participant, record_event
+from avrgym.study.storage.store import Store, latest_value, record_value
 
 FURNITURE_MEASURED = "own furniture measured"
 """Name of the event that stores a participant's own furniture. The latest event applies."""
@@ -18,9 +14,7 @@ def record_furniture(store: Store, pseudonym: str, furniture: RealFurniture) -> 
         StudyError: for an unknown participant.
     """
     with store.write() as connection:
-        participant = find_participant(connection, pseudonym)
-        detail = msgspec.json.encode(furniture).decode()
-        record_event(connection, FURNITURE_MEASURED, detail, {"participant": participant.number})
+        record_value(connection, pseudonym, FURNITURE_MEASURED, furniture)
 
 
 def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
@@ -29,11 +23,4 @@ def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
     Raises:
         StudyError: if the stored measures are damaged.
     """
-    number = participant_number(pseudonym)
-    own = [e for e in store.events() if (e.name, e.participant) == (FURNITURE_MEASURED, number)]
-    if not own:
-        return None
-    try:
-        return msgspec.json.decode(own[-1].detail, type=RealFurniture)
-    except msgspec.DecodeError as error:
-        raise StudyError(f"the study's database: event {own[-1].id} is damaged: {error}") from error
+    return latest_value(store, pseudonym, FURNITURE_MEASURED, RealFurniture)

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.commands.respondents import CONSENT_ROLES
+from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
@@ -139,7 +139,7 @@ def consent_text(store: Store, participant: Participant) -> DisplayedConsentText
     return DisplayedConsentText(consent.version, texts.language, texts.translate(consent.text))
 
 
-def record_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -> bool:
+def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> bool:
     """Store a consent to the design's text in the participant's language.
 
     ``role``: one of ``CONSENT_ROLES``. A representative's consent and the participant's assent are two records, in any
@@ -177,7 +177,7 @@ def record_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -
     return True
 
 
-def decline_consent(store: Store, pseudonym: str, role: str = CONSENT_ROLES[0]) -> None:
+def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> None:
     """Store that a new version of the text, or the assent, is declined, and withdraw the participant.
 
     ``role``: one of ``CONSENT_ROLES``.

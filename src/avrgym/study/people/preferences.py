@@ -1,11 +1,8 @@
 """Preferences of participants for the robot: stored as events, applied in the conditions that allow them."""
 
-import msgspec
-
 from avrgym.commands.preferences import AppliedRules, Preferences, apply_preferences
-from avrgym.study.storage.rows import StudyEvent, participant_number
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_participant, record_event
+from avrgym.study.storage.store import Store, latest_value, record_value
 
 PREFERENCES_RECORDED = "preferences recorded"
 """Name of the event that stores a participant's preferences. The latest event applies."""
@@ -23,10 +20,8 @@ def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -
             apply_preferences(rules, preferences)
         except ValueError as error:
             raise StudyError(f"the preferences contradict the condition {name}: {error}") from error
-    detail = msgspec.json.encode(preferences).decode()
     with store.write() as connection:
-        participant = find_participant(connection, pseudonym)
-        record_event(connection, PREFERENCES_RECORDED, detail, {"participant": participant.number})
+        record_value(connection, pseudonym, PREFERENCES_RECORDED, preferences)
 
 
 def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
@@ -35,9 +30,7 @@ def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
     Raises:
         StudyError: if the stored preferences are damaged.
     """
-    number = participant_number(pseudonym)
-    own = [e for e in store.events() if (e.name, e.participant) == (PREFERENCES_RECORDED, number)]
-    return _decoded(own[-1]) if own else None
+    return latest_value(store, pseudonym, PREFERENCES_RECORDED, Preferences)
 
 
 def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRules | None:
@@ -55,10 +48,3 @@ def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRule
         raise StudyError(
             f"the preferences contradict the condition {name}: {error}; `avrgym study preferences` changes them"
         ) from error
-
-
-def _decoded(event: StudyEvent) -> Preferences:
-    try:
-        return msgspec.json.decode(event.detail, type=Preferences)
-    except msgspec.DecodeError as error:
-        raise StudyError(f"the study's database: event {event.id} is damaged: {error}") from error

@@ -1,6 +1,6 @@
 """Proxies who answer questionnaires for a participant. Their answers are marked in all tables and figures."""
 
-from avrgym.commands.respondents import ANSWERING
+from avrgym.commands.respondents import ANSWERING, PARTICIPANT
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
@@ -16,7 +16,7 @@ def set_respondent(store: Store, pseudonym: str, respondent: str, session: int |
         raise StudyError(f"unknown respondent {respondent!r}; allowed: {', '.join(ANSWERING)}")
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
-        stored = None if respondent == ANSWERING[0] else respondent
+        stored = None if respondent == PARTICIPANT else respondent
         hash_chain.update(connection, schema.PARTICIPANT, participant.number, respondent=stored)
         about = {"participant": participant.number} | ({} if session is None else {"session": session})
         record_event(connection, "respondent changed", respondent, about)

@@ -8,7 +8,6 @@ from typing import Self
 
 import msgspec
 
-from avrgym.commands.respondents import RESPONDENTS
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
@@ -300,7 +299,7 @@ def plan_session(
         open_questionnaire=_open_questionnaire(store, pseudonym, trials),
         consent=latest_consent(store.consents(pseudonym)),
         proxy_consent=latest_consent(store.consents(pseudonym), of_proxy=True),
-        respondent=participant.respondent or RESPONDENTS[0],
+        respondent=participant.answered_by,
         settings=design.settings,
         allow_other_settings=design.allow_other_settings,
         session_rules=design.sessions,

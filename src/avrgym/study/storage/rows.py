@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.respondents import CONSENT_ROLES
+from avrgym.commands.respondents import PARTICIPANT
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.input_profile import InputProfile
@@ -60,6 +60,11 @@ class Participant:
     @property
     def pseudonym(self) -> str:
         return pseudonym_of(self.number)
+
+    @property
+    def answered_by(self) -> str:
+        """The person who answers the questions to the participant: one of ``ANSWERING``."""
+        return self.respondent or PARTICIPANT
 
     def must_reconsent(self, version: str) -> bool:
         """Returns whether the participant is in the study and accepted another consent text than this version."""
@@ -181,6 +186,11 @@ class StudyAnswer(Answer, frozen=True):
     answered_at: str
     respondent: str | None
 
+    @property
+    def answered_by(self) -> str:
+        """The person who answered: one of ``RESPONDENTS``."""
+        return self.respondent or PARTICIPANT
+
 
 @dataclass(frozen=True)
 class StudyEvent:
@@ -259,7 +269,7 @@ class Consent:
     @property
     def consent_role(self) -> str:
         """The role in which the decision was made: one of ``CONSENT_ROLES``."""
-        return self.role or CONSENT_ROLES[0]
+        return self.role or PARTICIPANT
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ from avrgym.system.files import make_private_folder, write_new
 from avrgym.tasks.registry import find_environment
 
 Row = TypeVar("Row")
+T = TypeVar("T")
 TABLES: Mapping[type, sa.Table] = {
     Participant: schema.PARTICIPANT,
     StudySession: schema.SESSION,
@@ -387,6 +388,33 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
     """Store an event. ``subject``: participant, session and attempt that the event concerns."""
     hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
+
+
+def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | None:
+    """Returns the value that a participant's latest event of this name stores as JSON; ``None`` without an event.
+
+    Raises:
+        StudyError: if the stored value is damaged.
+    """
+    with store.database.read() as connection:
+        events = find_all(connection, StudyEvent, participant=participant_number(pseudonym), name=name)
+    if not events:
+        return None
+    try:
+        return msgspec.json.decode(events[-1].detail, type=kind)
+    except msgspec.DecodeError as error:
+        raise StudyError(f"the study's database: event {events[-1].id} is damaged: {error}") from error
+
+
+def record_value(connection: sa.Connection, pseudonym: str, name: str, value: msgspec.Struct) -> None:
+    """Store a value as JSON in an event of a participant, see ``latest_value``.
+
+    Raises:
+        StudyError: for an unknown participant.
+    """
+    participant = find_participant(connection, pseudonym)
+    detail = msgspec.json.encode(value).decode()
+    record_event(connection, name, detail, {"participant": participant.number})
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:

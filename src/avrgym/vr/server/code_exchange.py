@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from fastapi import HTTPException, Request, Response
 
-from avrgym.vr.server.request_body import read_json_body
+from avrgym.vr.server.request_body import json_response, read_json_body
 from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyCodesError
 
 MAX_BODY_BYTES = 1000
@@ -28,7 +28,7 @@ def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response
             raise HTTPException(429, str(error)) from None
         except CodeError as error:
             raise HTTPException(403, str(error)) from None
-        return Response(msgspec.json.encode({"token": token}), media_type="application/json")
+        return json_response({"token": token})
 
     return exchange
 

@@ -1,6 +1,12 @@
-"""JSON bodies of requests, of limited size."""
+"""JSON bodies of requests, of limited size, and JSON responses."""
 
-from fastapi import HTTPException, Request
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import msgspec
+from fastapi import HTTPException, Request, Response
+
+B = TypeVar("B", bound=msgspec.Struct)
 
 
 async def read_json_body(request: Request, max_bytes: int) -> bytearray:
@@ -17,3 +23,28 @@ async def read_json_body(request: Request, max_bytes: int) -> bytearray:
         if len(data) > max_bytes:
             raise HTTPException(413, f"the request is too long; at most {max_bytes} bytes are allowed")
     return data
+
+
+async def decode_body(request: Request, kind: type[B], max_bytes: int) -> B:
+    """Returns the decoded body of a request. Error messages contain no values, because values may be names of people.
+
+    Raises:
+        HTTPException: as ``read_json_body``; 422 for a body that is not a ``kind``.
+    """
+    data = await read_json_body(request, max_bytes)
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise HTTPException(422, str(error)) from None
+    except RecursionError:
+        raise HTTPException(422, "nested too deeply") from None
+
+
+def json_response(value: Any, status: int = 200) -> Response:
+    """Returns a response that contains a value as JSON."""
+    return Response(msgspec.json.encode(value), status, media_type="application/json")
+
+
+def refuse_with(status: int, **more: str) -> Callable[[Request, Exception], Response]:
+    """Returns a handler of errors that responds with the error's message and ``more``."""
+    return lambda _request, error: json_response({"detail": str(error), **more}, status)

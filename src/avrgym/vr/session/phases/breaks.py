@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Self
 
+from avrgym.recording.schema import Answer
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, LocatedPhase
+from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, QuestionsPhase
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
@@ -31,7 +32,7 @@ class Break(BetweenTrialsPhase):
         return self
 
 
-class BreakQuestionnaire(LocatedPhase):
+class BreakQuestionnaire(QuestionsPhase):
     """The participant answers the questions after a break. The answers are stored after the last one."""
 
     name = "questionnaire"
@@ -40,39 +41,22 @@ class BreakQuestionnaire(LocatedPhase):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         self._questions = Questions(state.plan.break_items)
-        self._given: dict[str, messages.Answer] = {}
-
-    @property
-    def question(self) -> messages.Question:
-        return self._questions.question()
+        self._given: dict[str, Answer] = {}
 
     def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
         """Take the answer to the current question. The last answer ends the questionnaire."""
-        state = self.state
-        try:
-            given = self._questions.take(answer)
-        except ValueError as error:
-            state.send(self.question)
-            self._refuse("not_an_answer")
-            return self._report(str(error))
-        self._given[given.item] = answer
+        state, given = self.state, self._take(answer)
+        if given is None:
+            return self
+        self._given[given.item] = given
         if not self._questions.done:
             state.send(self.question)
             return self
         for each in self._given.values():
-            stored = messages.schema.Answer(each.item, each.value, each.response_time_s)
-            state.sink.report(events.AnsweredAfterBreak(state.now_s, stored))
-            decision = state.plan.stop_rules.decide(each.item, each.value)
-            if decision is not None:
-                state.apply_stop_rule(decision)
+            state.sink.report(events.AnsweredAfterBreak(state.now_s, each))
+            self._apply_stop_rules(each)
         state.headset_time.questions_due = False
         return self._begin_trial()
-
-    def go_back(self) -> Self:
-        if not self._questions.go_back():
-            return self._refuse("no_way_back")
-        self.state.send(self.question)
-        return self
 
     def skip(self) -> phases.TrialStart:
         """Continue without the answers."""

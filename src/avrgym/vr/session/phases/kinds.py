@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.recording.schema import AttemptEnd
+from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
@@ -228,6 +228,37 @@ class RobotFinishedPhase(LocatedPhase):
         """Start the questionnaire of the trial, or continue without one."""
         items = self.state.plan.questionnaire_after(self.state.current)
         return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
+
+
+class QuestionsPhase(LocatedPhase):
+    """The participant answers questions, one after another."""
+
+    _questions: Questions
+
+    @property
+    def question(self) -> messages.Question:
+        return self._questions.question()
+
+    def go_back(self) -> Self:
+        if not self._questions.go_back():
+            return self._refuse("no_way_back")
+        self.state.send(self.question)
+        return self
+
+    def _take(self, answer: messages.Answer) -> Answer | None:
+        """Returns the answer to the current question. An invalid answer is rejected; the result is then ``None``."""
+        try:
+            return self._questions.take(answer)
+        except ValueError as error:
+            self.state.send(self.question)
+            self._refuse("not_an_answer")
+            self._report(str(error))
+            return None
+
+    def _apply_stop_rules(self, answer: Answer) -> None:
+        decision = self.state.plan.stop_rules.decide(answer.item, answer.value)
+        if decision is not None:
+            self.state.apply_stop_rule(decision)
 
 
 class BetweenTrialsPhase(LocatedPhase):

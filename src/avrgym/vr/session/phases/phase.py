@@ -61,51 +61,51 @@ class Phase:
         """Take the intervals between the rendered frames of the last second."""
 
     def enter_vr(self) -> Phase:
-        """Returns the participant entered VR, or takes part without a headset."""
+        """Handle a participant who enters VR, or takes part without a headset. Returns the next phase."""
         return self
 
     def leave_vr(self) -> Phase:
-        """Returns the participant left VR."""
+        """Handle a participant who leaves VR. Returns the next phase."""
         return self
 
     def disconnect(self) -> Phase:
-        """Returns the participant's connection is lost."""
+        """Handle the loss of the participant's connection. Returns the next phase."""
         self.state.sink.report(events.ConnectionLost(self.state.now_s))
         return self
 
     def on_origin_reset(self) -> Phase:
-        """Returns the origin of tracking has changed; the participant's position and direction are unknown."""
+        """Handle a changed origin of tracking. The participant's position and direction are then unknown."""
         return self
 
     def on_ready(self) -> Phase:
-        """Returns the participant pressed the trigger to continue."""
+        """Handle a press of the trigger to continue. Returns the next phase."""
         return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
-        """Returns the participant reports that body or seat does not fit."""
+        """Handle the participant's report that body or seat does not fit. Returns the next phase."""
         return self._refuse("measured_between_trials")
 
     def request_break(self, by: events.Initiator) -> Phase:
-        """Returns the participant or experimenter request a break, which follows before the next trial."""
+        """Handle a request for a break. The break follows before the next trial."""
         self.state.request_break(by)
         return self._refuse("break_follows", by)
 
     def answer(self, answer: messages.Answer) -> Phase:
-        """Returns the participant answered a question."""
+        """Handle an answer of the participant. Returns the next phase."""
         return self._refuse("no_question")
 
     def go_back(self) -> Phase:
-        """Returns the participant wants to change an earlier answer."""
+        """Go back to the previous question, to change its answer. Returns the next phase."""
         return self._refuse("no_way_back")
 
     def command_robot(self, command: CommandName, source: Source) -> None:
-        """A command to the robot, except ``stop``."""
+        """Handle a command to the robot, except ``stop``."""
         self.state.ignore_command(command, source, "no trial runs")
 
     # Messages of participant or experimenter ------------------------------------------------------------------------
 
     def stop(self, by: events.Initiator, method: StopMethod | None = None) -> Phase:
-        """Returns the emergency stop: stop the robot immediately. The running trial may be repeated.
+        """Stop the robot immediately (emergency stop). The running trial may be repeated.
 
         ``method`` is the participant's stop method.
         """
@@ -161,12 +161,13 @@ class Phase:
     # Called in each tick, in this order -----------------------------------------------------------------------
 
     def cancel(self) -> Phase:
-        """Returns the session was ended elsewhere, or a stop rule ends it."""
+        """Handle the end of the session by another process or a stop rule. Returns the next phase."""
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
-        """Returns the participant cannot act, or the process was suspended. If the robot has finished, the attempt
-        continues."""
+        """Handle a participant who cannot act, or a suspended process. If the robot has finished, the attempt
+        continues.
+        """
         self.state.record_event(interruption.name, interruption.why)
         self.state.sink.report(interruption.event)
         return self._report(interruption.why)
@@ -177,24 +178,24 @@ class Phase:
         return None
 
     def finish_step(self, step: ControlStep) -> Phase:
-        """Returns the robot has finished a control step."""
+        """Handle a finished control step of the robot. Returns the next phase."""
         return self
 
     def fail(self, error: Exception) -> Phase:
-        """Returns an event or attempt cannot be stored."""
+        """Handle an event or attempt that cannot be stored. Returns the next phase."""
         self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
-        """Returns the completion of a trial has been stored."""
+        """Handle the stored completion of a trial. Returns the next phase."""
         return self
 
     def wait(self) -> Phase:
-        """Returns the if the event for which the phase waits has occurred, returns the next phase."""
+        """Returns the next phase if the event for which this phase waits has occurred; otherwise this phase."""
         return self
 
     def on_timeout(self) -> Phase:
-        """Returns the phase's ``seconds`` are over."""
+        """Handle the end of the phase's ``seconds``. Returns the next phase."""
         return self
 
     # -------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import RobotFinishedPhase, StoppablePhase
+from avrgym.vr.session.phases.kinds import QuestionsPhase, RobotFinishedPhase, StoppablePhase
 from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -146,7 +146,7 @@ class FreeMovementAfter(RobotFinishedPhase):
         return self._ask()
 
 
-class Questionnaire(RobotFinishedPhase):
+class Questionnaire(QuestionsPhase, RobotFinishedPhase):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
@@ -156,21 +156,14 @@ class Questionnaire(RobotFinishedPhase):
         super().__init__(state)
         self._questions = questions
 
-    @property
-    def question(self) -> messages.Question:
-        return self._questions.question()
-
     def answer(self, answer: messages.Answer) -> Confirm | Self:
         """Store the answer to the current question. After the last question the participant confirms all answers."""
         storage, now_s = self.state.storage, self.state.now_s
         assert storage.questionnaire_attempt is not None
         earlier = self._questions.earlier
-        try:
-            given = self._questions.take(answer)
-        except ValueError as error:
-            self.state.send(self.question)
-            self._refuse("not_an_answer")
-            return self._report(str(error))
+        given = self._take(answer)
+        if given is None:
+            return self
         if given.value != earlier:
             try:
                 storage.record_answer(given, now_s)
@@ -181,17 +174,9 @@ class Questionnaire(RobotFinishedPhase):
             happened = events.Answered if earlier is None else events.AnswerChanged
             whose = storage.questionnaire_attempt.trial, storage.questionnaire_attempt.attempt
             self.state.sink.report(happened(now_s, *whose, given))
-            decision = self.state.plan.stop_rules.decide(given.item, given.value)
-            if decision is not None:
-                self.state.apply_stop_rule(decision)
+            self._apply_stop_rules(given)
         if self._questions.done:
             return Confirm(self.state, self._questions)
-        self.state.send(self.question)
-        return self
-
-    def go_back(self) -> Self:
-        if not self._questions.go_back():
-            return self._refuse("no_way_back")
         self.state.send(self.question)
         return self
 
