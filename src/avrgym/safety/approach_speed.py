@@ -1,4 +1,4 @@
-"""Monitors the approach speed between a robot's tool and a person. A limit of this speed limits impact forces."""
+"""Monitors the approach speed between a robot's tool and a person. A limit on this speed limits impact forces."""
 
 import numpy as np
 
@@ -12,24 +12,29 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 MONITORED_DISTANCE_M = 0.10
-"""Distance between tool and person within which speeds are checked. People move by less while an arm retracts."""
+"""Speeds are checked if tool and person are closer than this distance. People move less than this while an arm
+retracts."""
 _REGIONS = np.array([REGION_OF_GEOM[geom] for geom in GEOMS])
 
 
 class ApproachSpeedMonitor(PerWorldState):
     """Compares approach speeds in N worlds with the allowed contact speeds of the body regions.
 
-    Only the origin of the tool's pad is monitored. All arrays describe the latest control step. ``person_too_fast``
-    (N,) marks worlds in which a region of the body approaches the tool too fast, without counting the tool's motion.
-    ``closing_too_fast`` (N,) marks worlds in which the gap closes too fast by the motion of both. ``region`` (N,) is
-    the region whose approach speed is highest relative to its limit, ``speed_m_s`` (N,) this speed.
+    Speeds are those of the pad's origin. The pad is the part of the tool that touches people. All arrays (N,) describe
+    the latest control step.
+
+    Attributes:
+        person_too_fast: whether a body region approaches the tool too fast by its own motion.
+        closing_too_fast: whether a gap closes too fast by the motion of person and tool together.
+        region: index in ``BODY_REGIONS`` of the region with the highest approach speed, relative to its limit.
+        speed_m_s: the approach speed of this region.
+        allowed_m_s: the speed limit (R,) of each region.
     """
 
     STATE_FIELDS = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
-        """Allow contact speeds at which an impact causes at most the forces ``force_n`` (R,) on the regions,
-        newtons."""
+        """Set the speed limits. An impact at the limit causes the force ``force_n`` (R,) on a region, in newtons."""
         self._simulation = simulation
         self.allowed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()
@@ -40,13 +45,13 @@ class ApproachSpeedMonitor(PerWorldState):
         self.region, self.speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,), from their present state."""
+        """Start episodes in worlds ``ids`` (n,), from their current state."""
         state = self._simulation.state()
         self._clear(ids)
         self._pad_w[ids], self._segment_w[ids] = state.pad_pos_w[ids], state.person_segment_w[ids]
 
     def update(self) -> None:
-        """Compute the approach speeds from the positions now and at the previous call."""
+        """Compute the approach speeds from the current positions and the positions at the previous call."""
         state = self._simulation.state()
         pad_w, segment_w = state.pad_pos_w, state.person_segment_w
         now_m = _axis_distance_m(pad_w, segment_w)
@@ -99,5 +104,5 @@ def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
 
 
 def _axis_distance_m(point_w: FloatArray, segment_w: FloatArray) -> FloatArray:
-    """Distances (N, G) of points (N, 3) from the axes (N, G, 2, 3) of capsules."""
+    """Returns the distances (N, G) of points (N, 3) from the axes (N, G, 2, 3) of capsules, in metres."""
     return point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])

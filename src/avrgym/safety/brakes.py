@@ -10,10 +10,10 @@ from avrgym.models.scene import SceneConfig
 
 HOLDING_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
-arm back. With a factor of 10, this happened in 1 of 200 stops, with a washcloth between a backrest and a head."""
+arm back. With a factor of 10, they push it back in 1 of 200 stops (a washcloth between backrest and head)."""
 SOLVER_TOLERANCE = 1e-8
-"""Solver tolerance while brakes are engaged. Only with Newton's method and this tolerance, friction holds without
-creep."""
+"""Solver tolerance while brakes are engaged. Friction holds the joints without creep only with this tolerance and
+Newton's method."""
 
 
 class Brakes:

@@ -27,7 +27,7 @@ WAYPOINT_RAD = 0.01
 WAYPOINTS = 150
 """Maximum number of stored waypoints of the retraction path."""
 INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
-"""Events of a recording: the guard starts to override commands, and stops overriding them."""
+"""Names of recorded events: the guard starts to override commands, and it stops overriding them."""
 
 
 class ForceGuard(PerWorldState):
@@ -35,9 +35,11 @@ class ForceGuard(PerWorldState):
 
     The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
-    ``executed_action`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back
-    along their path, ``holding`` (N,) arms that the guard stops. ``interventions`` (N,) is the number of interventions
-    of both kinds in the episode.
+    Attributes:
+        executed_action: the actions (N, A) that the arms execute.
+        retracting: boolean mask (N,): arms that move back along their path.
+        holding: boolean mask (N,): arms that the guard stops.
+        interventions: number (N,) of interventions of both kinds in the episode.
     """
 
     STATE_FIELDS = (
@@ -62,7 +64,7 @@ class ForceGuard(PerWorldState):
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,), from their present state."""
+        """Start episodes in worlds ``ids`` (n,), from their current state."""
         self._approach.reset(ids)
         self._clear(ids)
         self._path[ids] = self._simulation.configuration()[ids, None]
@@ -74,17 +76,20 @@ class ForceGuard(PerWorldState):
         return self.retracting | self.holding
 
     def begin_step(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) to execute at the start of a control step with commanded actions (N, A)."""
+        """Returns the actions (N, A) to execute at the start of a control step, given the commanded actions (N, A)."""
         self._approach.update()
         self._commanded = commanded
         self.executed_action = self._decide()
         return self.executed_action
 
     def update(self, commanded: FloatArray | None = None) -> BoolArray:
-        """Updates ``executed_action`` before each further physics step. Returns a mask (N,) of the worlds in which
-        ``executed_action`` changes.
+        """Updates ``executed_action`` before each physics step after the first of a control step.
 
-        ``commanded`` (N, A) are the new commands, if any.
+        Args:
+            commanded: new commanded actions (N, A), if they change within the control step.
+
+        Returns:
+            Boolean mask (N,): worlds in which ``executed_action`` has changed.
         """
         before = self.executed_action
         if commanded is not None:
@@ -102,7 +107,7 @@ class ForceGuard(PerWorldState):
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns the whole state on which the next steps depend."""
+        """Returns all data on which the next steps depend."""
         return super().snapshot() | {"approach": self._approach.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -111,7 +116,7 @@ class ForceGuard(PerWorldState):
         self._approach.restore(snapshot["approach"])
 
     def _decide(self) -> FloatArray:
-        """The actions for the coming physics step; called once for each step."""
+        """Returns the actions (N, A) for the next physics step. Called once per step."""
         was_retracting, was_overriding = self.retracting, self.overriding
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
@@ -129,7 +134,7 @@ class ForceGuard(PerWorldState):
         )
 
     def _store_waypoints(self) -> None:
-        """Store the configurations of robots that do not retract, unless they are near their latest waypoint."""
+        """Stores a waypoint for each robot that does not retract and is not near its latest waypoint."""
         now = self._simulation.configuration()
         rows = np.arange(len(now))
         latest = self._path[rows, (self._path_end - 1) % WAYPOINTS]
@@ -140,7 +145,7 @@ class ForceGuard(PerWorldState):
         self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
 
     def _retract(self) -> FloatArray:
-        """Actions (N, A) towards the latest waypoint, at the joints' speed limits. Reached waypoints are deleted."""
+        """Returns actions (N, A) to the latest waypoint, at the joints' speed limits. Deletes reached waypoints."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
         steps = self._simulation.speeds_toward(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)

@@ -2,8 +2,8 @@
 
 Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body. The limits
 apply to healthy adults at work. They mark the onset of pain, or of a slight injury such as a bruise. They are neither
-limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The text of the standard is not free. The
-values here come from publications that quote it.
+limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The values are from publications that
+quote the standard, because its text is not freely available.
 
 A clamped region must stay below the *quasi-static* limit. A region that can move away may be loaded for ``TRANSIENT_S``
 up to the *transient* limit, which is ``transient_factor`` times as high. The standard allows no transient contact with
@@ -69,16 +69,18 @@ added."""
 REGION_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }
-"""Index of the region of each geom. The geoms of a region are adjacent."""
+"""Index in ``BODY_REGIONS`` of each geom's region, by geom name. The geoms of a region are adjacent."""
 QUASI_STATIC_LIMIT_N: FloatArray = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
+"""Quasi-static force limits (R,), newtons."""
 TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in BODY_REGIONS])
+"""Transient force limits (R,), newtons."""
 
 
 def max_impact_speed_m_s(force_n: FloatArray, arm_mass_kg: float) -> FloatArray:
-    """Returns the contact speed (R,) at which an impact causes a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
+    """Returns the contact speeds (R,) at which an impact causes the forces (R,) on the body regions.
 
-    ISO/TS 15066:2016, A.3.4: the kinetic energy of the two masses becomes that of the spring. ``arm_mass_kg`` is the
-    arm's effective mass.
+    ISO/TS 15066:2016, A.3.4: the spring stores the kinetic energy of the two masses. The speed is F / √(k μ), with
+    1/μ = 1/m_body + 1/m_arm. ``arm_mass_kg`` is the arm's effective mass.
     """
     springs_n_m = np.array([1000.0 * region.spring_constant_n_mm for region in BODY_REGIONS])
     masses_kg = np.array([region.effective_mass_kg for region in BODY_REGIONS])

@@ -1,8 +1,9 @@
-"""Pacing layer: participants give commands to a robot although its policy does not process commands.
+"""The pacing layer executes participants' commands. The robot's policy does not need to process commands.
 
-The policy drives the tool until it is at the waiting distance from mouth or arm. The robot waits there for ``ready``.
-The layer scales the policy's actions, keeps distance and side, and backs off at ``wait``, see ``commands.vocabulary``.
-While it backs off or changes the side, the tool moves as in a ``Retreat``, with at most ``retreat.SPEED_M_S``.
+The policy drives the tool until the tool is at the preferred distance from mouth or arm. The robot waits there for the
+command ``ready``. The layer scales the policy's actions, maintains the preferred distance and side, and moves the tool
+back at the command ``wait``; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with at
+most ``retreat.SPEED_M_S``.
 """
 
 from collections.abc import Mapping
@@ -35,20 +36,21 @@ MODES = ("approaching", "waiting", "backing_off", "changing_side", "continuing",
 """Modes of the pacing layer. The policy drives the robot in the modes ``approaching`` and ``continuing``."""
 APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(MODES))
 TOLERANCE_M = 0.05
-"""A waiting robot backs off when a participant is closer than the preferred distance by more than this."""
+"""A waiting robot backs off if its distance is smaller than the preferred distance by more than this."""
 SIDE_OFFSET_M = 0.08
-"""Lateral distance of the tool from mouth or arm at which it is on a side."""
+"""Minimum lateral distance between tool and mouth or arm at which the tool is on one side."""
 SIDE_LIMIT_S = 5.0
 """Maximum duration of a change of side. The other side may be out of reach."""
 FACING_RAD = float(np.radians(30.0))
-"""Largest angle between the direction of the head and the tool when a participant faces the tool."""
+"""Maximum angle between the head's direction and the tool at which the participant faces the tool."""
 COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
-"""Entries of the input ``command`` of controllers: 1 for the latest command, the time since it (up to 60 s), the speed
-factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1 while the robot waits."""
+"""Entries of the controllers' input ``command``: 1 for the latest command and 0 for the others, the time since the
+command (up to 60 s), the speed factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1
+while the robot waits."""
 MAX_AGE_S = 60.0
 """Maximum value of ``age_s``."""
 NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0])
-"""The input ``command`` without a command."""
+"""Value of the input ``command`` if there is no command."""
 _PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": ("cranium", "jaw"),
     "arm": RIGHT_ARM,
@@ -61,9 +63,12 @@ _SIDES = {"any": 0.0, "left": 1.0, "right": -1.0}
 class Pacing(PerWorldState):
     """Overrides the actions in N worlds according to the participants' commands.
 
-    ``mode`` (N,) are indices in ``MODES``, ``speed_factor`` (N,) factors of the policy's actions, ``distance_m`` (N,)
-    the preferred distances, ``side`` (N,) the preferred sides (1 left, −1 right, 0 any). ``gap_m`` (N,) is the distance
-    between tool and mouth or arm at the start of the control step.
+    Attributes:
+        mode: indices (N,) in ``MODES``.
+        speed_factor: factors (N,) of the policy's actions.
+        distance_m: preferred distances (N,) between tool and mouth or arm.
+        side: preferred sides (N,): 1 left, −1 right, 0 any.
+        gap_m: distances (N,) between tool and mouth or arm at the start of the control step.
     """
 
     STATE_FIELDS = (
@@ -72,7 +77,7 @@ class Pacing(PerWorldState):
     )  # fmt: skip
 
     def __init__(self, simulation: Simulation, offered: OfferedPart, rules: AppliedRules) -> None:
-        """Pace the robots of a simulation. ``offered`` is the body part that the task needs."""
+        """Create the layer for all robots of a simulation. ``offered``: the body part that the task needs."""
         self._simulation, self._offered, self.rules = simulation, offered, rules
         self._geoms = np.array([list(GEOMS).index(name) for name in _PARTS[offered]])
         self._step_s = simulation.scene.control_step_s
@@ -89,7 +94,7 @@ class Pacing(PerWorldState):
         self.reset(np.arange(worlds))
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,) with the preferences."""
+        """Start episodes in worlds ``ids`` (n,), with the participants' preferences."""
         self._clear(ids)
         wishes = self.rules.preferences
         self.mode[ids] = APPROACHING if self._waits and self.rules.pacing else CONTINUING
@@ -174,7 +179,7 @@ class Pacing(PerWorldState):
 
     @property
     def _follows(self) -> BoolArray:
-        """Boolean mask (N,): worlds in which the policy drives."""
+        """Boolean mask (N,): worlds in which the policy drives the robot."""
         return (self.mode == APPROACHING) | (self.mode == CONTINUING)
 
     def command_input(self) -> FloatArray:
@@ -260,20 +265,20 @@ class Pacing(PerWorldState):
         return self._retreats[world]
 
     def _distances(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """The distance (N,) between tool and offered body part, and the tool's lateral offset (N,) to the left."""
+        """Returns the distance (N,) between tool and offered body part, and the tool's offset (N,) to the left."""
         ends_w = state.person_segment_w[:, self._geoms]
         apart = point_distance(state.pad_pos_w[:, None], ends_w[:, :, 0], ends_w[:, :, 1])
         gap_m = (apart - state.person_radius_m[:, self._geoms]).min(axis=-1)
         return gap_m, (state.pad_pos_w - self._reference_w(state))[:, 0]
 
     def _reference_w(self, state: State) -> FloatArray:
-        """The position (N, 3) relative to which the tool is on the left or right."""
+        """Returns the position (N, 3) from which the tool's lateral offset is measured."""
         arms = {"arm": state.right_arm_pos_w, "left_arm": state.left_arm_pos_w}
         return arms[self._offered].mean(axis=1) if self._offered in arms else state.mouth_pos_w
 
 
 def facing_angle_rad(state: State) -> FloatArray:
-    """Returns the angle (N,) between the direction of the head and the direction from the head to the tool."""
+    """Returns the angle (N,) between the head's forward direction and the direction from the head to the tool."""
     ahead_w = transforms.rotate(state.head_q_w, np.array([0.0, -1.0, 0.0]))
     toward_w = state.pad_pos_w - state.head_pos_w
     cosine = (ahead_w * toward_w).sum(axis=-1) / np.maximum(np.linalg.norm(toward_w, axis=-1), 1e-9)

@@ -6,12 +6,12 @@ from avrgym.array_types import IntArray
 
 
 class PerWorldState:
-    """Base class of safety layers. ``STATE_FIELDS`` contains the names of arrays (N, …) that change during episodes."""
+    """Base class of safety layers. ``STATE_FIELDS``: names of the arrays (N, …) that change during episodes."""
 
     STATE_FIELDS: ClassVar[tuple[str, ...]]
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns the whole state on which the next steps depend."""
+        """Returns all data on which the next steps depend."""
         return {name: getattr(self, name).copy() for name in self.STATE_FIELDS}
 
     def restore(self, snapshot: dict[str, Any]) -> None:

@@ -19,14 +19,14 @@ from avrgym.safety.limits import (
 
 GEOM_CONTACTS, CLOTH_GEOM_CONTACTS = 8, 64
 """Maximum number of contacts that a sensor measures for one geom of the person, without and with cloth. A grasp with
-three fingers has fewer than 8 contacts, a sleeve around an arm up to 40."""
+three fingers has fewer than 8 contacts. A sleeve around an arm has up to 40."""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Add sensors of the contact forces of robot and cloth on each geom of the person.
 
-    The sensors do not change the simulation. With many contacts, a physics step takes up to a sixth longer with the
-    sensors.
+    The sensors do not change the simulation. With many contacts, they increase the duration of a physics step by up to
+    a sixth.
     """
     contacts = GEOM_CONTACTS if scene.tool.cloth is None else CLOTH_GEOM_CONTACTS
     for geom in REGION_OF_GEOM:
@@ -49,17 +49,20 @@ class RegionForceSensors:
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
     def read_forces_n(self) -> FloatArray:
-        """Returns the contact forces by region, (N, R), in newtons: the sum of the magnitudes of all contact forces."""
+        """Returns the contact forces (N, R) by region, in newtons: sums of the magnitudes of all contact forces."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
 
 
 @dataclass(frozen=True)
 class RegionLoads:
-    """Loads (n, R) of the body regions of n people in one episode each.
+    """Contact forces on the body regions of n people in one episode each. All arrays are (n, R).
 
-    ``mean_n`` and ``peak_n`` are over all physics steps. ``contact_share`` is the share of physics steps with a force.
-    ``longest_overload_s`` is the longest continuous time above the quasi-static limit.
+    Attributes:
+        mean_n: mean force over all physics steps, newtons.
+        peak_n: maximum force over all physics steps, newtons.
+        contact_share: share of physics steps with a force.
+        longest_overload_s: longest continuous time above the quasi-static limit.
     """
 
     mean_n: FloatArray
@@ -84,16 +87,23 @@ class RegionLoads:
 
     @classmethod
     def concatenate(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
-        """Returns one object with the people of all ``parts``."""
+        """Returns the loads of the people of all ``parts``, in order."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
 @dataclass(frozen=True)
 class RegionStatistics:
-    """Loads of one region over a number of episodes, in newtons.
+    """Contact forces on one body region over several episodes, in newtons.
 
-    The mean is over all time. ``over_quasi_static`` and ``over_transient`` are the numbers of episodes above each
-    limit, ``exceedances`` the number of episodes above either limit.
+    Attributes:
+        mean_n: mean force over time and episodes.
+        peak_n: maximum force.
+        contact_share: share of physics steps with a force.
+        quasi_static_limit_n: the region's quasi-static limit.
+        transient_limit_n: the region's transient limit.
+        over_quasi_static: number of episodes above the quasi-static limit.
+        over_transient: number of episodes above the transient limit.
+        exceedances: number of episodes above either limit.
     """
 
     mean_n: float
@@ -124,7 +134,7 @@ def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
 
 
 class RegionLoadRecorder:
-    """Accumulates the loads of N people, physics step by physics step."""
+    """Accumulates the contact forces on N people over the physics steps of an episode."""
 
     def __init__(self, worlds: int) -> None:
         shape = worlds, len(BODY_REGIONS)
@@ -144,7 +154,7 @@ class RegionLoadRecorder:
         self._longest_steps = np.maximum(self._longest_steps, self._over_limit_steps)
 
     def loads(self) -> RegionLoads:
-        """Returns the loads so far."""
+        """Returns the loads (N, R) over all steps until now."""
         steps = max(1, self._steps)
         return RegionLoads(
             mean_n=self._sum_n / steps,

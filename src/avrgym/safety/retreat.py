@@ -1,6 +1,6 @@
-"""Retreat: the arm moves its tool slowly away from a person and avoids contact of all links.
+"""Retreat: the arm moves its tool slowly away from a person. All its links avoid contact.
 
-Ten times a second a small quadratic programme computes joint speeds. The tool follows its desired velocity closely.
+Ten times a second, a quadratic programme computes the joint speeds. The tool follows its desired velocity closely.
 Velocity dampers keep every link away from the person (Faverjon and Tournassoud, IEEE Int. Conf. Robotics and
 Automation, 1987): the allowed closing speed decreases with the gap, and is zero at ``MIN_GAP_M``.
 """
@@ -31,22 +31,23 @@ MIN_GAP_M = 0.01
 MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
 ROTATION_LEVER_M = 0.2
-"""Weight of rotations: one radian counts as this distance."""
+"""Weight of the tool's rotation: one radian counts as this distance."""
 DAMPING = 0.03
 """Weight of squared joint speeds in the quadratic programme."""
 BRAKING_TIME_S = 0.3
 """Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
 REGULARIZATION = 1e-6
-"""Regularization of the quadratic programme. The programme then has a solution also if many links are near the
-person."""
+"""Regularization of the quadratic programme. With it, a solution exists even if many links are near the person."""
 
 
 class SmallGaps(NamedTuple):
     """L small gaps between geoms of the arm and geoms of the person or furniture.
 
-    ``gap_m`` (L,) is negative where the geoms touch. ``away_w`` (L, 3) is the direction towards the arm. ``rows`` (L,
-    J) map joint speeds to the speed at which a gap opens. ``is_hand`` (L,) marks gaps between the person and hand or
-    tool.
+    Attributes:
+        gap_m: gaps (L,), negative if the geoms overlap.
+        away_w: unit vectors (L, 3) towards the arm, world frame.
+        rows: matrix (L, J) that maps joint speeds to the opening speeds of the gaps.
+        is_hand: boolean mask (L,): gaps between the person and the hand or tool.
     """
 
     gap_m: FloatArray
@@ -75,7 +76,7 @@ class Retreat:
             world: the index of the world.
             mouth_distance_m: the distance between mouth and tool at which the retreat is complete.
             person_distance_m: the distance of tool and hand from the person at which the retreat is complete.
-            steps: number of steps that the retreat has already taken.
+            steps: number of finished steps of the retreat.
             step_s: duration of a step.
         """
         self._simulation, self._world = simulation, world
@@ -101,11 +102,11 @@ class Retreat:
         self._steps, self._step_s = steps, step_s
 
     def restart(self) -> None:
-        """Start another retreat, from the present state."""
+        """Start another retreat, from the current state."""
         self._steps = 0
 
     def action(self) -> FloatArray | None:
-        """Returns the action (A,) for the next step; ``None`` if the retreat is complete, or after
+        """Returns the action (A,) for the next step. Returns ``None`` if the retreat is complete, or after
         ``MAX_DURATION_S``."""
         near = self._measure()
         if self._steps * self._step_s >= MAX_DURATION_S or self._is_clear(near):
@@ -114,12 +115,14 @@ class Retreat:
         return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
 
     def steer(self, velocity_w: FloatArray) -> FloatArray:
-        """Returns the action (A,) that moves the tool with a velocity (3,), without rotation, and keeps every link away
-        from the person."""
+        """Returns the action (A,) that moves the tool with a velocity (3,) and without rotation.
+
+        As in ``action``, every link stays away from the person.
+        """
         return self._speeds(velocity_w, self._measure()) / self._speed_limit
 
     def _measure(self) -> SmallGaps:
-        """Copy the world's present state, and measure its gaps."""
+        """Copies the current state of the world, and returns its small gaps."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -132,9 +135,7 @@ class Retreat:
         )
 
     def _desired_velocity_w(self, near: SmallGaps) -> FloatArray:
-        """The desired velocity (3,) of the tool: away from the head and, if the hand is near the body, away from the
-        body.
-        """
+        """Returns the desired velocity (3,) of the tool: away from the head, and from the body if the hand is near."""
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
         if near.is_hand.any():
             nearest = np.where(near.is_hand, near.gap_m, np.inf).argmin()
@@ -145,8 +146,9 @@ class Retreat:
         return SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: SmallGaps) -> FloatArray:
-        """The speeds (A,) of joints and drive that best achieve a tool velocity without rotation, within the limits of
-        gaps and joint ranges.
+        """Returns the speeds (A,) of joints and drive that best achieve a tool velocity without rotation.
+
+        The speeds respect the limits of gaps and joint ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= ROTATION_LEVER_M
@@ -180,7 +182,8 @@ class Retreat:
         return SmallGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
-        """The Jacobian (6, A) of a point of a body, from speeds of joints and drive to linear and angular velocity."""
+        """Returns the Jacobian (6, A) of a point of a body: from speeds of joints and drive to the linear and angular
+        velocity."""
         jacobian = np.empty((6, self._model.nv))
         mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], pos_w, body)
         if not self._drives:
@@ -208,7 +211,7 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
 
 
 def _moved_by(model: mujoco.MjModel, joint: int) -> list[int]:
-    """The geoms that a joint moves and that can touch people."""
+    """Returns the geoms that a joint moves and that can touch people."""
     moved = {int(model.jnt_bodyid[joint])}
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in moved:

@@ -1,8 +1,7 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
-The withdrawal begins when the task has succeeded and no event has followed for ``SETTLING_TIME_S``. The tool moves away
-as in a ``Retreat``, up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then does not move until the episode
-ends.
+The withdrawal begins when the task has succeeded and there is no event for ``SETTLING_TIME_S``. ``Retreat`` moves the
+tool up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then does not move until the episode ends.
 """
 
 from typing import Any
@@ -15,15 +14,15 @@ from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
 SETTLING_TIME_S = 0.5
-"""Time without an event (such as a bite or a sip) after success, before the withdrawal begins."""
+"""Time without an event (such as a bite or a sip) after success. After it, the withdrawal begins."""
 MOUTH_DISTANCE_M, PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
 WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
-"""In a recording: the driver of the withdrawal's control steps, and the event at its beginning."""
+"""In a recording: the name of the driver in the withdrawal's control steps, and of the event at its beginning."""
 
 
 class Withdrawal(PerWorldState):
-    """Moves the tools away after success. The mask ``driving`` (N,) marks the worlds in which it drives the arm."""
+    """Moves the tools away after success. ``driving``: boolean mask (N,) of the worlds in which it controls the arm."""
 
     STATE_FIELDS = ("driving", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
 
@@ -47,7 +46,7 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def update(self, success: BoolArray, events: IntArray) -> None:
-        """Process the success and the number of events (N,) of a control step."""
+        """Process the results of a control step: the success (N,) and the number of events (N,)."""
         self._awaits_event = self._awaits_event & (events == 0)
         settled = success & (events == 0) & ~self._awaits_event
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
@@ -55,8 +54,8 @@ class Withdrawal(PerWorldState):
         self._actions = None
 
     def interrupt(self, worlds: BoolArray) -> None:
-        """End the withdrawal in the worlds of a mask (N,). The next event (such as a bite) can start another
-        withdrawal."""
+        """End the withdrawal in the worlds of a mask (N,). Another withdrawal can start after the next event, such as a
+        bite."""
         ended = worlds & self.driving
         self.driving, self._away = self.driving & ~ended, self._away & ~ended
         self._awaits_event = self._awaits_event | ended
@@ -68,7 +67,7 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) to execute: the withdrawal's in worlds that it drives, otherwise the commands."""
+        """Returns the actions (N, A) to execute: the withdrawal's actions where ``driving``, otherwise the commands."""
         if not self.driving.any():
             return commanded
         if self._actions is None:
@@ -78,7 +77,7 @@ class Withdrawal(PerWorldState):
         return np.where(self.driving[:, None], self._actions, commanded)
 
     def _action(self, world: int) -> FloatArray | float:
-        """The action (A,) of a world's robot; zero when its tool is far enough away."""
+        """Returns the action (A,) of a world's robot; zero if its tool is far enough away."""
         action = self._retreat(world).action()
         if action is None:
             self._away[world] = True
