@@ -55,7 +55,9 @@ def test_memory_is_enough_to_the_last_world() -> None:
 
 
 def test_threads_have_no_device_of_their_own() -> None:
-    with pytest.raises(ValueError, match="has a device; allowed: threads, warp, or warp:DEVICE"):
+    with pytest.raises(
+        ValueError, match="has no device; allowed: on_device=False, or engine warp or warp:DEVICE"
+    ):
         Episodes(ENVIRONMENT, 1, on_device=True)
 
 

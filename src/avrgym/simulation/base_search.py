@@ -1,8 +1,8 @@
 """Search for the pose of a robot's base from which its arm reaches the poses of a task.
 
 The method is task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive
-robots", Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are
-solved in one batch. The result of a world does not depend on the other worlds, to the last bit.
+robots", Autonomous Robots 43, 2019) over sampled base poses, as in Assistive Gym. All candidates of all worlds are
+solved in one batch. The result of a world is bit-identical with any other worlds in the batch.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,14 @@ CANDIDATES = 100
 NUM_UNIFORMS = 3 * CANDIDATES
 """Number of uniform random numbers for one world's candidates."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
+"""Maximum errors of position (as in Assistive Gym) and rotation at which a goal counts as reached."""
 START_ITERATIONS, START_TOLERANCE_M = 15, 0.003
+"""Iterations and tolerance of the inverse kinematics for the start pose."""
 RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
+"""Number of restarts of the inverse kinematics. Only worlds in which fewer candidates than the second number reach the
+start pose are restarted."""
 GOAL_ITERATIONS, GOAL_TOLERANCE_M = 10, 0.02
+"""Iterations and tolerance of the inverse kinematics for the goals."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +42,13 @@ class BasePoses:
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of C candidates in n worlds, (n, C) each.
+    """Scores of C candidates in n worlds. All arrays are (n, C).
 
-    ``start_reached``: whether the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual
-    error; a radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from the start pose.
-    ``isotropy``: sum of the isotropy over all reached poses; 0 if the start pose is not reached.
+    Attributes:
+        start_reached: whether the arm reaches the start pose within 5 mm and 0.05 rad.
+        start_error_m: residual error in the start pose; a radian counts as 0.3 m.
+        goals_reached: number of goals that the arm reaches from the start pose.
+        isotropy: sum of the kinematic isotropy over all reached poses; 0 if the start pose is not reached.
     """
 
     start_reached: BoolArray
@@ -52,10 +59,15 @@ class Scores:
 
 @dataclass(frozen=True)
 class BaseChoice:
-    """The best candidate of each world: its ``index`` (n,), its pose and the joint positions (n, J) at the start.
+    """The best candidate of each of n worlds.
 
-    ``reached`` (n,): whether the arm reaches the start pose within 5 mm and 0.05 rad. In all other worlds, no candidate
-    reaches the start pose, and the best candidate has the smallest error.
+    Attributes:
+        index: index (n,) of the candidate.
+        base: base poses (n,).
+        joint_positions: joint positions (n, J) in the start pose.
+        reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a world
+            reaches it, the best candidate is the one with the smallest error.
+        scores: scores (n, C) of all candidates.
     """
 
     index: IntArray
@@ -75,7 +87,7 @@ NUM_REHEARSALS = 16
 def sample_base_poses(
     base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray
 ) -> BasePoses:
-    """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform numbers (n, 3C)."""
+    """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform random numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
     shares = uniforms.reshape(len(uniforms), -1, 3)
     offsets = ranges[:, 0] + (ranges[:, 1] - ranges[:, 0]) * shares
@@ -96,18 +108,18 @@ def search_base_pose(
 
     With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_REHEARSALS`` candidates.
 
-    A goal is reached within 3 cm (reference) and 15°. Candidates with equal numbers of goals are compared by the sum of
-    the joint-limit-weighted kinematic isotropy over the start pose and the reached goals. Inverse kinematics begins at
-    the seed pose for the start pose, and at the start pose for the goals. If fewer than ten candidates of a world reach
-    the start pose, the other candidates are solved twice more, from poses around the seed pose.
+    A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the sum of the
+    joint-limit-weighted kinematic isotropy over the start pose and the reached goals decides. Inverse kinematics begins
+    at the seed pose for the start pose, and at the start pose for the goals. If fewer than ten candidates of a world
+    reach the start pose, the others are solved twice more, from poses around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.
         candidates: base poses, (n, C).
         start_pos_w: (n, 3), start position of the tip.
-        start_q_w: (n, 4).
+        start_q_w: (n, 4), start orientation of the tip.
         goal_pos_w: (n, G, 3), goal positions of the tip.
-        goal_q_w: (n, G, 4), or None for any rotation.
+        goal_q_w: (n, G, 4), goal orientations of the tip, or None for any orientation.
         seed_pose: (J,), initial joint positions of the search for the start pose.
         path_cost: cost of the motion from an initial state.
     """
@@ -138,7 +150,10 @@ def search_base_pose(
 def _solve_starts(
     chain: Chain, pos: FloatArray, q: FloatArray, seed_pose: FloatArray, per_world: int
 ) -> Solution:
-    """Inverse kinematics (n C,) of start poses in the candidates' frames, with ``per_world`` rows for each world."""
+    """Solves the inverse kinematics of start poses in the candidates' frames. Returns the solutions (n C,).
+
+    Each world has ``per_world`` rows.
+    """
     seeds = np.tile(seed_pose, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
     spread = kinematics.RESTART_SPREAD_RAD * chain.units
@@ -155,7 +170,7 @@ def _solve_starts(
 
 
 def _evenly_spread(count: int, dimensions: int) -> FloatArray:
-    """Quasi-random points (count, dimensions) in [−1, 1]^dimensions.
+    """Returns quasi-random points (count, dimensions) in [−1, 1]^dimensions.
 
     Roberts' low-discrepancy sequence (2018): the step in dimension k is x^−k, where x^(dimensions + 1) = x + 1.
     """
@@ -174,7 +189,7 @@ def _score(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> Scores:
-    """Scores (n C,) of base poses, given the arm angles in the start pose."""
+    """Returns the scores (n C,) of base poses, given the joint positions in the start pose."""
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
@@ -196,8 +211,8 @@ def _arrive(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> tuple[BoolArray, FloatArray]:
-    """Returns a mask (N,) of arms that reach their goal from these angles, and the isotropy there (0 if not
-    reached)."""
+    """Returns a mask (N,) of the arms that reach their goal from these joint positions, and the isotropy (N,) at the
+    goal. The isotropy is 0 if the goal is not reached."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
     arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
@@ -208,8 +223,10 @@ def _arrive(
 
 
 def _merit(scores: Scores, goals: int) -> FloatArray:
-    """A merit of candidates; higher is better. Isotropies are at most 1; their sum therefore counts less than one more
-    goal."""
+    """Returns a merit of each candidate; higher is better.
+
+    One more goal always counts more than the sum of isotropies, because each isotropy is at most 1.
+    """
     merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
     return np.where(scores.start_reached, merit, -scores.start_error_m)
 
@@ -222,8 +239,10 @@ def _solve_within_reach(
     iterations: int,
     tolerance: float,
 ) -> Solution:
-    """Returns solutions of the inverse kinematics. Poses out of reach are not solved: their position error is the
-    missing reach, and their rotation error is π."""
+    """Returns solutions of the inverse kinematics. Poses out of reach are not solved.
+
+    For them, the position error is the missing reach, and the rotation error is π.
+    """
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.inverse_kinematics(
@@ -237,12 +256,12 @@ def _solve_within_reach(
 
 
 def _point_from(bases: BasePoses, pos_w: FloatArray) -> FloatArray:
-    """Transform positions (N, 3) from the world frame to the frames of bases (N,)."""
+    """Transforms positions (N, 3) from the world frame to the frames of bases (N,)."""
     return transforms.rotate(_upright(-bases.yaw_rad), pos_w - bases.pos_w)
 
 
 def _rotation_from(bases: BasePoses, q_w: FloatArray) -> FloatArray:
-    """Transform rotations (N, 4) from the world frame to the frames of bases (N,)."""
+    """Transforms rotations (N, 4) from the world frame to the frames of bases (N,)."""
     return transforms.multiply(_upright(-bases.yaw_rad), q_w)
 
 

@@ -79,9 +79,9 @@ class ModelAddresses:
 
 
 class MimicJoint(NamedTuple):
-    """A joint that mimics another joint.
+    """A joint that mimics another joint, the leader. Its position is a polynomial of the leader's position.
 
-    ``qpos`` and ``leader_qpos`` are the indices of both in qpos, ``polynomial`` the coefficients (5,).
+    ``qpos`` and ``leader_qpos`` are the indices of both joints in MuJoCo's qpos. ``polynomial``: coefficients (5,).
     """
 
     qpos: int
@@ -90,7 +90,7 @@ class MimicJoint(NamedTuple):
 
 
 def _followers(model: mujoco.MjModel) -> tuple[MimicJoint, ...]:
-    """The joints that mimic other joints: equality constraints couple them."""
+    """Returns the joints that equality constraints couple to other joints."""
     return tuple(
         MimicJoint(
             int(model.jnt_qposadr[model.eq_obj1id[each]]),
@@ -107,13 +107,13 @@ def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> IntArray:
 
 
 def _slides_qpos(model: mujoco.MjModel, bodies: Sequence[str]) -> IntArray:
-    """Indices (K, 3) of the positions of bodies with three slide joints."""
+    """Returns the indices (K, 3) in qpos of bodies with three slide joints."""
     joints = [f"{body}_{axis}" for body in bodies for axis in "xyz"]
     return _qpos(model, joints).reshape(-1, 3)
 
 
 def actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
-    """Returns the ids of the actuators with these names."""
+    """Returns the ids (n,) of the actuators with these names."""
     return np.array([model.actuator(name).id for name in names], dtype=np.intp)
 
 

@@ -1,4 +1,4 @@
-"""Model fields that differ between worlds, because each world has its own person."""
+"""Model fields of the person. They differ between worlds, because each world has its own person."""
 
 from functools import lru_cache
 
@@ -81,13 +81,14 @@ class PersonModelFields:
 
 
 INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
+"""Names of MuJoCo's model fields for the inertia of bodies."""
 
 
 @lru_cache(maxsize=1024)
 def _inertia(
     sex: human.Sex, torso_height_m: float, arm_scale: float, stature_m: float | None, bmi_kg_m2: float | None
 ) -> dict[str, FloatArray]:
-    """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
+    """Returns the inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
     person = Person(sex, torso_height_m, arm_scale=arm_scale, stature_m=stature_m, bmi_kg_m2=bmi_kg_m2)
     model = human.person_model(person, moving=True)
     bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]

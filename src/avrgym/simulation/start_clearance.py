@@ -18,16 +18,17 @@ from avrgym.models.task_frame import opposite
 from avrgym.people.arm_clearance import CHECKED_PAIRS
 
 Clearances = dict[tuple[int, int], float]
-"""Minimum distance of two geoms in metres, by their ids."""
+"""Minimum distance of each pair of geoms in metres, by their ids."""
 
 PERSON_CLEARANCE_M = 0.01
 """Minimum clearance of robot, tool and particles from the person."""
 FURNITURE_CLEARANCE_M = 0.005
 """Minimum clearance of robot, tool and particles from furniture."""
 TREMOR_CLEARANCE_M = 0.03
-"""Additional clearance for people with tremor, whose limbs overshoot."""
+"""Additional clearance for people with tremor, because their limbs overshoot."""
 PADDING_DEPTH_M = 0.02
-"""Allowed depth of arms in furniture, because armrests and mattresses are soft. Seat and backrest are not checked."""
+"""Maximum penetration of a person's arms into furniture, because armrests and mattresses are soft. Seat and backrest
+are not checked."""
 
 _SPHERE, _CAPSULE, _CYLINDER = (
     int(kind)
@@ -36,12 +37,12 @@ _SPHERE, _CAPSULE, _CYLINDER = (
 
 
 class NoClearanceError(ValueError):
-    """Raised if no initial state with enough clearance was found. The message names two bodies that overlap."""
+    """Raised if no initial state with enough clearance was found. The message contains two bodies that overlap."""
 
 
 @dataclass(frozen=True)
 class Geoms:
-    """All geoms of n worlds: centres (n, G, 3), orientations (n, G, 9) row by row, sizes (n, G, 3); world frame."""
+    """All geoms of n worlds, world frame: centres (n, G, 3), rotation matrices (n, G, 9) by row, sizes (n, G, 3)."""
 
     pos_w: FloatArray
     rotation_w: FloatArray
@@ -50,7 +51,10 @@ class Geoms:
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two bodies that are too close. ``gap_m`` is their distance, negative if they overlap."""
+    """Two bodies that are too close. ``gap_m``: their distance, negative if they overlap.
+
+    ``clearance_m``: the minimum distance.
+    """
 
     body1: str
     body2: str
@@ -72,10 +76,10 @@ class StartClearance:
 
         Args:
             model: the scene.
-            base: the robot's body that is mounted on furniture, if any.
-            arms: whether the person's arms must not overlap furniture.
-            offered: whether the right arm must not touch padding and the rest of the body.
-            mirrored: whether this is the left arm instead.
+            base: name of the robot's body that is mounted on furniture, if any.
+            arms: whether to check the overlap of the person's arms and furniture.
+            offered: whether to check that the right arm touches neither padding nor the rest of the body.
+            mirrored: whether ``offered`` applies to the left arm instead.
         """
         self._model, self._data = copy(model), mujoco.MjData(model)
         self._geom_types = model.geom_type
@@ -93,8 +97,8 @@ class StartClearance:
     def conflicts(self, geoms: Geoms, *, extra_clearance_m: float | None = None) -> list[Conflict | None]:
         """Returns for each of n worlds the pair of bodies that is farthest below its minimum clearance, or ``None``.
 
-        With ``extra_clearance_m``, only pairs of robot and person are checked. Their minimum increases by this
-        distance.
+        With ``extra_clearance_m``, only pairs of robot and person are checked. This distance is added to their minimum
+        clearance.
         """
         reach = _bounding_radius_m(self._geom_types, geoms.size_m)
         count = len(self._pairs) if extra_clearance_m is None else self._person_pairs
@@ -110,8 +114,8 @@ class StartClearance:
     def _conflict(
         self, geoms: Geoms, world: int, pairs: IntArray, clearance_m: FloatArray
     ) -> Conflict | None:
-        """The pair that is farthest below its minimum clearance, of the given ``pairs``; ``None`` if all have enough
-        clearance."""
+        """Returns the pair of ``pairs`` that is farthest below its minimum clearance; ``None`` if there is no such
+        pair."""
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]
@@ -130,14 +134,14 @@ class StartClearance:
         return mujoco.mj_geomDistance(self._model, self._data, first, second, max(up_to_m, 0.0), None)
 
     def _name(self, geom: int) -> str:
-        """The name of a geom's body for messages."""
+        """Returns the name of a geom's body for messages."""
         owner, _, part = _body(self._model, geom).rpartition("/")
         words = (part if owner else self._model.geom(geom).name).replace("_", " ")
         return {"person": "the person's ", "robot": "the robot's "}.get(owner, "the ") + words
 
 
 def _bounding_radius_m(geom_types: NDArray[np.int32], size_m: FloatArray) -> FloatArray:
-    """The radii (n, G) of the bounding spheres of geoms."""
+    """Returns the radii (n, G) of the bounding spheres of geoms."""
     x, y, z = np.moveaxis(size_m, -1, 0)
     conditions = [geom_types == _SPHERE, geom_types == _CAPSULE, geom_types == _CYLINDER]
     return np.select(
@@ -146,18 +150,18 @@ def _bounding_radius_m(geom_types: NDArray[np.int32], size_m: FloatArray) -> Flo
 
 
 def _robot_to_person(model: mujoco.MjModel) -> Clearances:
-    """Minimum clearances of robot, tool and particles from the person."""
+    """Returns the minimum clearances of robot, tool and particles from the person."""
     return _pairs(_robot(model), _geoms(model, collision_bits.PERSON), PERSON_CLEARANCE_M)
 
 
 def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
-    """Minimum clearances of robot, tool and particles from furniture. A mounted base is excluded."""
+    """Returns the minimum clearances of robot, tool and particles from furniture. A mounted base is excluded."""
     loose = [geom for geom in _robot(model) if _body(model, geom) != base]
     return _pairs(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_CLEARANCE_M)
 
 
 def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
-    """Minimum clearances (0) between the links of a robot, in a scene with self-collision."""
+    """Returns the minimum clearances (0) between the links of a robot, in a scene with self-collision."""
     links = [
         geom
         for geom in _geoms(model, collision_bits.ROBOT)
@@ -167,8 +171,10 @@ def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
 
 
 def _may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether MuJoCo lets two geoms of a robot collide: their bodies are not parent and child, and the pair is not
-    excluded."""
+    """Returns whether two geoms of a robot can collide in MuJoCo.
+
+    They cannot if their bodies are parent and child, or if the model excludes the pair.
+    """
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     one, other = (int(model.body_weldid[body]) for body in bodies)
     parents = [int(model.body_weldid[model.body_parentid[body]]) for body in (one, other)]
@@ -182,7 +188,7 @@ def _may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
 
 
 def _robot(model: mujoco.MjModel) -> list[int]:
-    """The geoms of the robot, its tool and its particles."""
+    """Returns the geoms of the robot, its tool and its particles."""
     return [
         geom
         for bits in (collision_bits.ROBOT, collision_bits.TOOL, collision_bits.HULL, collision_bits.PARTICLE)
@@ -191,7 +197,8 @@ def _robot(model: mujoco.MjModel) -> list[int]:
 
 
 def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirrored: bool) -> Clearances:
-    """Minimum clearances of the person's arms from furniture, and of an offered arm also from the rest of the body."""
+    """Returns the minimum clearances of the person's arms from furniture, and of an offered arm from the rest of the
+    body."""
     furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}
@@ -216,7 +223,7 @@ def _pairs(first: Iterable[int], second: Sequence[int], clearance_m: float) -> C
 
 
 def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
-    """The ids of all geoms with these collision bits, without the floor."""
+    """Returns the ids of all geoms with these collision bits, except the floor."""
     return [
         geom
         for geom in range(model.ngeom)
@@ -227,7 +234,7 @@ def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
 
 
 def _parts(model: mujoco.MjModel, names: Iterable[str]) -> list[int]:
-    """The ids of geoms of the person's body, by name."""
+    """Returns the ids of geoms of the person's body with these names."""
     return [model.geom(human.PREFIX + name).id for name in names]
 
 

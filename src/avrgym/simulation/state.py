@@ -20,7 +20,7 @@ class RightArm:
 
 @dataclass(frozen=True)
 class Arms(RightArm):
-    """The frames of both arms, as in ``RightArm``."""
+    """Poses of the right and the left arm, as in ``RightArm``."""
 
     left_arm_pos_w: FloatArray
     left_arm_q_w: FloatArray
@@ -76,11 +76,15 @@ class State(Arms):
 
 @dataclass(frozen=True)
 class Start:
-    """The initial state of n worlds.
+    """The initial state of n worlds; world frame.
 
-    It contains the people, the pose of the robot's base, (n, 3) and (n, 4), the arm's joint positions (n, J), and the
-    positions (n, 3) of the scene's movable furniture. ``tool_error_m`` (n,) is the distance of the tool from
-    its intended position, if the scene checks the reach.
+    Attributes:
+        people: the people (n,).
+        robot_pos_w: positions (n, 3) of the robot's base.
+        robot_q_w: quaternions (n, 4) of the robot's base.
+        joint_positions: joint positions (n, J) of the arm.
+        placed_pos_w: positions (n, 3) of the scene's movable furniture, by body.
+        tool_error_m: distance (n,) of the tool from its intended position, if the scene checks the reach.
     """
 
     people: People

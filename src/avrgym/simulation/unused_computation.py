@@ -1,4 +1,4 @@
-"""Removes computation without effect from a model. Physics steps are faster, with bit-identical results."""
+"""Removes computation without effect from a model. Physics steps become faster, and results stay bit-identical."""
 
 from copy import copy
 
@@ -11,7 +11,7 @@ from avrgym.array_types import BoolArray
 def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
     """Returns a copy of a model without gravity compensation and contact bits that have no effect.
 
-    Gravity compensation has no effect on a body that is fixed to the world. A geom makes no contact if it and all geoms
+    Gravity compensation has no effect on a body that is fixed to the world. A geom never makes contact if all geoms
     that its contact bits allow are fixed to the same body. With a static person, this applies to most geoms of a robot
     on the floor.
     """
@@ -29,8 +29,7 @@ def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _may_touch(model: mujoco.MjModel) -> BoolArray:
-    """Boolean mask (G, G): pairs of geoms that can collide, by their contact bits and the bodies that they are fixed
-    to."""
+    """Returns a boolean mask (G, G) of the pairs of geoms that can collide, by their contact bits and bodies."""
     meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
     fixed_to = model.body_weldid[model.geom_bodyid]
     return (meets | meets.T) & (fixed_to[:, None] != fixed_to)

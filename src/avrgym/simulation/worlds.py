@@ -41,8 +41,8 @@ __all__ = ["MAX_LEAD_RAD", "REMOVED_PARTICLE_POS_W", "Arms", "RightArm", "Simula
 
 
 MAX_LEAD_RAD = 0.08
-"""Maximum difference between a servo's target and the joint. This difference limits the force of a blocked servo. For
-slides, see ``kinematics.joint_units``."""
+"""Maximum difference between a servo's target and the joint position. It limits the force of a blocked servo. For slide
+joints, see ``kinematics.joint_units``."""
 
 
 BASE_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -55,7 +55,7 @@ REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
 def _compiled(
     scene: SceneConfig, moving: bool, by_region: bool, interpolate_person_targets: bool
 ) -> mujoco.MjModel:
-    """The scene's compiled model, see ``Simulation``. The model is cached: copy it before you change it."""
+    """Returns the scene's compiled model, see ``Simulation``. The model is cached: copy it before you change it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
@@ -87,7 +87,7 @@ class Simulation:
             num_worlds: N.
             moving: whether the people's joints move; otherwise people are static.
             num_threads: threads of the host; 0: one per core.
-            by_region: whether ``region_force_n`` is measured. This takes time and changes no other result.
+            by_region: whether ``region_force_n`` is measured. The measurement takes time and changes no other result.
             interpolate_person_targets: whether joint targets of moving people are interpolated, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
             on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
@@ -171,7 +171,7 @@ class Simulation:
         self._now = self.engine.now
 
     def _show_person(self, ids: IntArray) -> None:
-        """Copy sizes and positions of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
+        """Copies sizes and positions of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
         self._capsule_m[ids] = to_device_of(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
@@ -183,7 +183,7 @@ class Simulation:
         return Geoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
 
     def pose_people(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
-        """Set the joint angles (n, 20) of moving people in worlds ``ids`` (n,) immediately."""
+        """Set the joint angles (n, 20) of moving people in worlds ``ids`` (n,), without motion."""
         self._host.qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
         self.batch.forward(ids)
         self.engine.copy_from_host(ids)
@@ -202,10 +202,10 @@ class Simulation:
                 host.qpos[ids[:, None, None], qpos] = pos
 
     def command_robot(self, action: FloatArray, world_mask: BoolArray | None = None) -> None:
-        """Command speeds for the next steps: actions (N, A) in [−1, 1], speeds divided by their limits.
+        """Command speeds for the next steps: actions (N, A) in [−1, 1], that is, speeds divided by their limits.
 
-        If a wheel would exceed its speed limit, the base drives the same curve more slowly. The mask ``world_mask``
-        (N,) limits the command to some worlds; not on a device.
+        If a wheel would exceed its speed limit, the base drives the same curve more slowly. ``world_mask`` (N,) limits
+        the command to some worlds; it is not available on a device.
         """
         if self._brakes is not None:
             self._brakes.release()
@@ -223,12 +223,12 @@ class Simulation:
                 self._now.ctrl[rows, at.drive_ctrl] = self._base_velocity(action[world_mask], self._drive)
 
     def _joint_speed(self, action: FloatArray) -> FloatArray:
-        """The joint speeds (n, J) of actions (n, A), rad/s or m/s."""
+        """Returns the joint speeds (n, J) of actions (n, A), rad/s or m/s."""
         of_arm = action[:, : len(self._speed_limit)]
         return namespace(of_arm).clip(of_arm, -1.0, 1.0) * constant_like(self._speed_limit, of_arm)
 
     def _base_velocity(self, action: FloatArray, drive: DifferentialDrive) -> FloatArray:
-        """The velocity (n, 3) of the base for actions (n, A): forward, sideways (0) and turning, m/s and rad/s."""
+        """Returns the velocity (n, 3) of the base for actions (n, A): forward, sideways (0), turning; m/s and rad/s."""
         xp, of_drive = namespace(action), action[:, len(self._speed_limit) :]
         forward, turn = (xp.clip(of_drive, -1.0, 1.0) * constant_like(drive.speed_limit, of_drive)).T
         wheel = xp.abs(forward) + 0.5 * drive.track_width_m * xp.abs(turn)
@@ -236,7 +236,7 @@ class Simulation:
         return xp.stack([share * forward, 0.0 * forward, share * turn], axis=-1)
 
     def brake_robot(self) -> None:
-        """Apply the brakes of arms and drives. Servo targets become the present joint positions."""
+        """Apply the brakes of arms and drives. Servo targets become the current joint positions."""
         at = self._at
         if self._brakes is not None:
             self._brakes.engage()
@@ -248,10 +248,8 @@ class Simulation:
     def command_person(self, joint_targets_rad: FloatArray, world_mask: BoolArray | None = None) -> None:
         """Set the targets (N, 20) of a moving person's servos.
 
-        With ``interpolate_person_targets``, the servo inputs change linearly to the targets in 0.1 s.
-
-
-        The mask ``world_mask`` (N,) limits the command to some worlds; not on a device.
+        With ``interpolate_person_targets``, the servo inputs change linearly to the targets in 0.1 s. ``world_mask``
+        (N,) limits the command to some worlds; it is not available on a device.
         """
         at, command = self._at, joint_targets_rad
         if self._gliding:
@@ -264,8 +262,8 @@ class Simulation:
     def step(self, substeps: int = SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
         """Advance all worlds by physics steps. Forces are from the last step, positions from its end.
 
-        ``person_targets_rad`` (``substeps``, N, 20) are targets of a moving person's servos, one for each physics step;
-        not with ``interpolate_person_targets``.
+        ``person_targets_rad`` (``substeps``, N, 20): targets of the servos of moving people for each physics step. They
+        are not available with ``interpolate_person_targets``.
         """
         if person_targets_rad is None:
             self.engine.step(substeps)
@@ -274,7 +272,7 @@ class Simulation:
         self._now = self.engine.now
 
     def check(self) -> None:
-        """Check all steps since the last check. On a device, call this method once per episode.
+        """Check all steps since the last check for overflow. On a device, call this method once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
@@ -282,7 +280,7 @@ class Simulation:
         self.engine.check()
 
     def remove_particles(self, removed: BoolArray) -> None:
-        """Move the particles of the mask ``removed`` (N, K) to ``REMOVED_PARTICLE_POS_W``, without weight."""
+        """Move the particles of the mask ``removed`` (N, K) to ``REMOVED_PARTICLE_POS_W``, and cancel their weight."""
         particles, xp, at, now = self.scene.tool.particles, namespace(removed), self._at, self._now
         if particles is None or (xp is np and not removed.any()):
             return
@@ -342,18 +340,21 @@ class Simulation:
         )
 
     def region_force_n(self) -> FloatArray:
-        """Returns the forces (N, R) on each of ``BODY_REGIONS`` in the last physics step, added as in
-        ``total_force_n``.
+        """Returns the forces (N, R) on ``BODY_REGIONS`` in the last physics step, in newtons.
+
+        Each force is the sum of the magnitudes of all contact forces on the region.
 
         Raises:
             RuntimeError: if these forces are not measured.
         """
         if self._region_forces is None:
-            raise RuntimeError("forces by region are not measured; create the simulation with by_region=True")
+            raise RuntimeError(
+                "forces by body region are not measured; create the simulation with by_region=True"
+            )
         return self._region_forces.read_forces_n()
 
     def arms(self) -> Arms:
-        """Returns the people's arms, in new arrays."""
+        """Returns the poses of the people's arms, in new arrays."""
         pos_w, q_w, at = self._now.xpos, self._now.xquat, self._at
         return Arms(pos_w[:, at.right_arm], q_w[:, at.right_arm], pos_w[:, at.left_arm], q_w[:, at.left_arm])
 
@@ -368,7 +369,7 @@ class Simulation:
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
     def base_pose(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the present poses of the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
+        """Returns the current poses of the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
         if self._drive is None:
             return self.initial_base_pose()
         body = self._names.robot_base
@@ -396,8 +397,8 @@ class Simulation:
     def speeds_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
         """Returns the speeds (N, A) that reach a configuration after ``duration_s``, divided by the speed limits.
 
-        Arms start at their servo targets. A drive covers the forward distance and the rotation, but not the sideways
-        distance.
+        Arms start at their servo targets. A drive covers the forward distance and the rotation. It cannot cover the
+        sideways distance.
         """
         share = (configuration[:, : len(self._speed_limit)] - self.joint_targets()) / (
             duration_s * self._speed_limit
@@ -410,17 +411,17 @@ class Simulation:
         return np.concatenate([share, motion / (duration_s * self._drive.speed_limit)], axis=-1)
 
     def joint_targets(self) -> FloatArray:
-        """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint positions."""
+        """Returns the targets (N, J) of the arm's servos, at most ``MAX_LEAD_RAD`` from the joint positions."""
         positions, targets = self.joint_positions(), self._now.act[:, self._at.arm_act]
         lead = constant_like(self._max_lead, targets)
         return namespace(targets).clip(targets, positions - lead, positions + lead)
 
     def controls(self) -> FloatArray:
-        """Returns the commands of all servos, (N, nu)."""
+        """Returns the inputs (N, nu) of all servos, MuJoCo's ``ctrl``."""
         return float_copy(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> FloatArray:
-        """Returns the state of one world on which the next step depends: MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
+        """Returns the state of one world that determines the next step: MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         self.engine.copy_to_host(np.array([world]))
         return self.batch.state[world].copy()
 
@@ -431,7 +432,7 @@ class Simulation:
         self.engine.copy_from_host(np.array([world]))
 
     def snapshot(self) -> dict[str, dict[str, NumpyArray]]:
-        """Returns the whole state on which the next steps of all worlds depend, with the present sensor values."""
+        """Returns all data that determine the next steps of all worlds, with the current sensor values."""
         self.engine.copy_to_host(np.arange(self.num_worlds))
         return {
             "fields": {name: array.copy() for name, array in self._expanded().items()},
@@ -459,7 +460,7 @@ class Simulation:
         self._now = replace(self.engine.now, sensordata=to_device_of(forces, self.example_array))
 
     def _expanded(self) -> dict[str, NumpyArray]:
-        """The model fields that differ between worlds, by name."""
+        """Returns the model fields that differ between worlds, by name."""
         names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
         names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
         return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
@@ -485,7 +486,7 @@ class Simulation:
 def _segments(
     arrays: Arrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
 ) -> FloatArray:
-    """Axis ends (n, G, 2, 3) of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
+    """Returns the axis ends (n, G, 2, 3) of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
     axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]
     reach = axis * half_length_m
     return namespace(centre).stack([centre - reach, centre + reach], axis=2)
@@ -499,5 +500,5 @@ def _is_expanded(batch: Batch, name: str) -> bool:
 
 
 def _added_up(strongest_first: FloatArray) -> FloatArray:
-    """Sums (N,) of forces (N, C), added in order. Zeros at the end therefore change no bit."""
+    """Returns sums (N,) of forces (N, C), added in order. Zeros at the end therefore change no bit."""
     return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

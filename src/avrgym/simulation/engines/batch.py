@@ -12,7 +12,7 @@ _LIVING: "WeakSet[ForkSafeBatch]" = WeakSet()
 
 
 class ForkSafeBatch(Batch):
-    """A batch of worlds that raises an error in a forked process. Without the check it would wait for missing threads.
+    """A batch of worlds that raises an error in a forked process. Without the error, it would wait for missing threads.
 
     A batch with one thread works in both processes.
     """
@@ -52,7 +52,7 @@ class ForkSafeBatch(Batch):
 
 
 def _keep_forever() -> None:
-    """Keep the parent's batches in a forked process. Freeing them would wait for threads that do not exist there."""
+    """Keeps the parent's batches in a forked process. Their deletion would wait for threads that do not exist there."""
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

@@ -1,4 +1,4 @@
-"""Corrects contacts of MuJoCo Warp 4.0 that differ from MuJoCo's, before constraints are computed.
+"""Corrects contacts that differ between MuJoCo Warp 4.0 and MuJoCo, before constraints are computed.
 
 In MuJoCo the geom with the higher priority determines a contact's parameters. Warp ignores the priority if a geom has
 explicit stiffness and damping (``solref`` below zero), and uses the lower of the two geoms' values. This module sets
@@ -7,7 +7,7 @@ the parameters of the geom with the higher priority, for example of the washclot
 In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower:
 people become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were
 higher. People's contacts would then have the last value at any depth. This module therefore sets MuJoCo's impedance at
-the present depth as a constant, with the corresponding stiffness and damping.
+the current depth as a constant, with the corresponding stiffness and damping.
 """
 
 # Warp has its own types, and is installed only with the extra ``gpu``.
@@ -18,6 +18,7 @@ from typing import Any
 import warp as wp
 
 ContactParameters = wp.types.vector(length=5, dtype=wp.float32)
+"""MuJoCo's contact parameters ``solimp``: impedance as a function of depth."""
 
 
 @wp.kernel(enable_backward=False)

@@ -15,7 +15,9 @@ from avrgym.system.memory import available_bytes
 
 @dataclass(frozen=True)
 class Arrays:
-    """Arrays of the present state of N worlds, with MuJoCo's names; world axis first. NumPy arrays or device tensors.
+    """Arrays of the current state of N worlds, with MuJoCo's names. The first axis is the world.
+
+    They are NumPy arrays or tensors on a device.
 
     Callers may write the first five arrays between steps. Each step overwrites all other arrays.
     """
@@ -40,6 +42,7 @@ class Arrays:
 
 ARRAY_NAMES = tuple(each.name for each in fields(Arrays))
 WRITABLE_NAMES = ARRAY_NAMES[:5]
+"""Names of the arrays that callers may write between steps."""
 
 
 class Engine(Protocol):
@@ -50,7 +53,7 @@ class Engine(Protocol):
         device: the device that computes.
         batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
             states.
-        now: arrays of the present state: the arrays of ``batch``, copies on the host, or tensors on the device.
+        now: arrays of the current state: the arrays of ``batch``, copies on the host, or tensors on the device.
     """
 
     name: str
@@ -59,29 +62,31 @@ class Engine(Protocol):
     now: Arrays
 
     def copy_from_host(self, ids: IntArray) -> None:
-        """Copy models and states of worlds ``ids`` (n,) from ``batch``, and continue with them."""
+        """Copy models and states of worlds ``ids`` (n,) from ``batch``. The next step starts from them."""
         ...
 
     def copy_to_host(self, ids: IntArray) -> None:
-        """Copy the present states of worlds ``ids`` (n,) to ``batch``."""
+        """Copy the current states of worlds ``ids`` (n,) to ``batch``."""
         ...
 
     def step(self, substeps: int) -> None:
         """Advance all worlds by physics steps. Forces are from the last step, positions and velocities from its end.
 
         Raises:
-            RuntimeError: see ``check``. If ``now`` are tensors, nothing is checked, because that would wait for the
-                device.
+            RuntimeError: see ``check``. If ``now`` contains tensors, nothing is checked, because a check would wait
+                for the device.
         """
         ...
 
     def step_with_controls(self, columns: Any, values: Any) -> None:
-        """Advance all worlds by K physics steps, see ``step``. Before each step, the ``columns`` (C,) of ``ctrl`` are
-        set to the next of ``values`` (K, N, C)."""
+        """Advance all worlds by K physics steps, see ``step``.
+
+        Before step k, the ``columns`` (C,) of ``ctrl`` are set to ``values[k]``. ``values`` are (K, N, C).
+        """
         ...
 
     def check(self) -> None:
-        """Check all steps since the last check.
+        """Check all steps since the last check for overflow.
 
         Raises:
             RuntimeError: if the contacts or constraints of a world exceeded the engine's memory.
@@ -99,8 +104,8 @@ def make_engine(
         model: the model of all worlds.
         num_worlds: N.
         num_threads: threads of the host; 0: one per core.
-        on_device: whether ``now`` are PyTorch tensors on the engine's device, in single precision. A step then copies
-            nothing.
+        on_device: whether ``now`` contains PyTorch tensors on the engine's device, in single precision. A step then
+            copies nothing.
 
     Raises:
         ValueError: for an unknown engine or device, for ``threads`` with a device, for cloth or a driving robot with
@@ -111,7 +116,9 @@ def make_engine(
     name, _, device = engine.partition(":")
     if name == THREADS:
         if on_device:
-            raise ValueError(f"engine {engine!r} has a device; allowed: {THREADS}, warp, or warp:DEVICE")
+            raise ValueError(
+                f"engine {engine!r} has no device; allowed: on_device=False, or engine warp or warp:DEVICE"
+            )
         from avrgym.simulation.engines.threads import Threads
 
         return Threads(model, num_worlds, num_threads)
@@ -125,14 +132,14 @@ def make_engine(
 
 
 def check_engine(engine: str) -> None:
-    """Raises ``ValueError`` for an unknown engine. The message lists the allowed engines."""
+    """Raises ``ValueError`` for an unknown engine name. The message lists the allowed names."""
     name, colon, device = engine.partition(":")
     if engine != THREADS and (name != WARP or bool(colon) != bool(device)):
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
 
 
 def check_available(engine: str) -> None:
-    """Check that an engine can compute on this machine.
+    """Check that an engine can run on this computer.
 
     Raises:
         ValueError: for an unknown engine or device.

@@ -16,7 +16,7 @@ class Threads:
     name, device = THREADS, "cpu"
 
     def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
-        """Create the worlds. 0 threads: one per core."""
+        """Create the worlds. ``num_threads`` 0: one thread per core."""
         check_host_memory(num_worlds, model)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.now = Arrays.of(self.batch)
@@ -28,11 +28,11 @@ class Threads:
         """Does nothing: the worlds are on the host."""
 
     def step(self, substeps: int) -> None:
-        """See ``Engine``."""
+        """Advance all worlds by physics steps, see ``Engine.step``."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def step_with_controls(self, columns: IntArray, values: FloatArray) -> None:
-        """See ``Engine``."""
+        """Advance all worlds by K physics steps, see ``Engine.step_with_controls``."""
         if len(values) == 1:
             self.now.ctrl[:, columns] = values[0]
             self.step(1)

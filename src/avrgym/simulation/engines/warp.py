@@ -35,7 +35,7 @@ ROWS_PER_CONTACT = 4
 SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
-"""Flags in ``overflow`` that are not an overflow of memory: the solver reached its maximum number of iterations."""
+"""Flags in Warp's ``overflow`` that report no memory overflow: the solver reached its maximum number of iterations."""
 
 
 class _Libraries(NamedTuple):
@@ -46,7 +46,7 @@ class _Libraries(NamedTuple):
 
 @cache
 def import_libraries() -> _Libraries:
-    """Import the packages of the extra ``gpu`` and return them.
+    """Imports and returns the packages of the extra ``gpu``.
 
     Raises:
         RuntimeError: if the extra is not installed.
@@ -62,14 +62,14 @@ def import_libraries() -> _Libraries:
 
 
 class Warp:
-    """An ``Engine`` on a GPU. ``now`` are tensors of Warp's memory, or copies on the host that each step updates."""
+    """An ``Engine`` on a GPU. ``now`` contains tensors of Warp's memory, or host copies that each step updates."""
 
     name = WARP
 
     def __init__(
         self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str, *, on_device: bool
     ) -> None:
-        """Create the worlds on the device with this Warp name; default: the first GPU.
+        """Create the worlds. ``device`` is Warp's name of the device; an empty name is the first GPU.
 
         Raises:
             ValueError: for an unknown device, or more worlds than memory allows.
@@ -95,10 +95,10 @@ class Warp:
         self._graphs: dict[int, Any] = {}
 
     def copy_from_host(self, ids: IntArray) -> None:
-        """See ``Engine.copy_from_host``.
+        """Copy models and states from ``batch`` to the device, see ``Engine.copy_from_host``.
 
         Raises:
-            RuntimeError: if a buffer overflowed in the episodes that end here, see ``check``.
+            RuntimeError: if a buffer has overflowed since the last check, see ``check``.
         """
         if self._model is None:
             self._make_model()
@@ -116,14 +116,14 @@ class Warp:
                 getattr(self.now, name)[ids] = values
 
     def copy_to_host(self, ids: IntArray) -> None:
-        """See ``Engine.copy_to_host``. Computes quantities that are derived from positions and velocities."""
+        """Copy states to ``batch``, see ``Engine.copy_to_host``. Also computes all quantities that depend on them."""
         for name in WRITABLE_NAMES:
             getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
         self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def step(self, substeps: int) -> None:
-        """See ``Engine``."""
+        """Advance all worlds by physics steps, see ``Engine.step``."""
         if self._on_device:
             self._run(substeps)
             return
@@ -135,7 +135,7 @@ class Warp:
         self.check()
 
     def step_with_controls(self, columns: Any, values: Any) -> None:
-        """See ``Engine``."""
+        """Advance all worlds by K physics steps, see ``Engine.step_with_controls``."""
         for each in values:
             self.now.ctrl[:, columns] = each
             self.step(1)
@@ -192,7 +192,7 @@ class Warp:
             )
 
     def check(self) -> None:
-        """See ``Engine.check``. Reads the overflow flags of all worlds from the device."""
+        """Check the overflow flags of all worlds, see ``Engine.check``."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS_OVERFLOWS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
@@ -229,7 +229,7 @@ class Warp:
 
 
 def _has_worlds(field: Field[Any]) -> bool:
-    """Whether a field may differ between worlds in MuJoCo's batch and in Warp. The steps use no other such field."""
+    """Returns whether MuJoCo's batch and Warp both support a field that differs between worlds."""
     return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 
@@ -249,21 +249,21 @@ class Capacity(NamedTuple):
 
 
 def _first_gpu(torch: Any) -> str:
-    """The name of the first GPU.
+    """Returns the name of the first GPU.
 
     Raises:
         ValueError: if PyTorch finds none.
     """
     if not torch.cuda.is_available():
         raise ValueError(
-            "engine 'warp' needs a CUDA device, and PyTorch finds none; allowed: 'threads', or 'warp:cpu', which is "
-            "much slower than 'threads'"
+            "engine 'warp' needs a CUDA device, and PyTorch finds none; allowed: 'threads', or 'warp:cpu' (much slower "
+            "than 'threads')"
         )
     return "cuda:0"
 
 
 def find_device(name: str) -> Any:
-    """Returns the device with this Warp name; without a name the first GPU.
+    """Returns the device with this Warp name. An empty name is the first GPU.
 
     Raises:
         ValueError: for an unknown device. The message lists the available devices.
