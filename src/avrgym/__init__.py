@@ -1,8 +1,8 @@
-"""AVR Gym: real people meet simulated assistive robots in virtual reality.
+"""AVR Gym: simulated assistive robots help real people in virtual reality.
 
-Importing the package registers the Gymnasium environments. On Linux without a screen the import also sets
-``MUJOCO_GL`` to a rendering library that needs no screen. An existing value is not changed. The first
-environment imports MuJoCo. MuJoCo's warnings go to the logger ``avrgym.mujoco``.
+Importing the package registers the Gymnasium environments. On Linux without a screen, the import also sets
+``MUJOCO_GL`` to a rendering library that needs no screen. An existing value is not changed. MuJoCo is imported when the
+first environment is created. MuJoCo's warnings go to the logger ``avrgym.mujoco``.
 """
 
 from importlib import import_module
@@ -24,8 +24,8 @@ def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv
     """Create a PettingZoo parallel environment with two agents, robot and human; see ``AssistiveParallelEnv``.
 
     Raises:
-        RuntimeError: without PettingZoo. The message contains the install command.
-        ValueError: for an unknown name. The message lists the allowed names.
+        RuntimeError: if PettingZoo is not installed. The message contains the install command.
+        ValueError: for an unknown environment id. The message lists the allowed ids.
     """
     try:
         from avrgym.envs.parallel import AssistiveParallelEnv
@@ -37,7 +37,7 @@ def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv
 
 
 def __getattr__(name: str) -> Any:
-    """Import what describes people when it is first asked for, as in ``avrgym.models.human.Person``."""
+    """Import ``avrgym.models`` at its first use, as in ``avrgym.models.human.Person``."""
     if name == "models":
         import_module("avrgym.models.human")
         return import_module("avrgym.models")

@@ -1,4 +1,4 @@
-"""``python -m avrgym`` is the program ``avrgym``."""
+"""Runs the command-line program: ``python -m avrgym`` is equivalent to ``avrgym``."""
 
 from avrgym.cli import app
 

@@ -1,4 +1,4 @@
-"""A demonstration: a simulated participant takes part in each task, and a page replays each trial."""
+"""Demonstration: a simulated participant performs each task. A web page replays each trial."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -22,7 +22,7 @@ ENVIRONMENTS = (
     "avrgym/ScratchItchJaco-v1",
     "avrgym/BedBathingPR2-v1",
 )
-"""One environment for each task. The task in bed is last, because it needs a new calibration."""
+"""One environment for each task. The task in bed is last because it needs a new calibration of the headset."""
 FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 
 
@@ -30,7 +30,8 @@ FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 class DemoResult:
     """The files of a demonstration.
 
-    ``without_browser``: reason why the demonstration ran without a browser; ``None`` if it ran in a browser.
+    ``pages`` are the paths of the replay pages, ``recordings`` those of the recordings. ``without_browser`` is the
+    reason why no browser was used, or ``None`` if a browser was used.
     """
 
     pages: list[Path]
@@ -39,9 +40,10 @@ class DemoResult:
 
 
 def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
-    """Run one trial of each task with its questionnaire. Writes recordings, pictures and pages into the folder ``out``.
+    """Run one trial of each task with its questionnaire. Write recordings, screenshots and pages to the folder ``out``.
 
-    ``seed`` determines the participant and the trials. ``log`` is called with each message about the progress.
+    ``seed`` determines the simulated participant and the trials. ``log`` is called with each progress message. Returns
+    the paths of the files.
     """
     plan = SessionPlan(
         trials=[

@@ -1,1 +1,1 @@
-"""The tasks (one folder and one record each), and the worlds in which robots do them."""
+"""The tasks (one folder and one ``Task`` each), their initial states, episodes and control loop."""

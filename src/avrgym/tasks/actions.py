@@ -12,7 +12,7 @@ from avrgym.geometry.arrays import namespace, to_device_of
 def validate_actions(
     actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
 ) -> FloatArray:
-    """Returns actions as an array in double precision. Actions of the worlds in the mask ``ignored`` (N,) become zero.
+    """Returns actions as an array in double precision. Actions of worlds in the mask ``ignored`` (N,) are set to zero.
 
     Raises:
         ValueError: for a wrong shape, or numbers that are not finite.
@@ -35,16 +35,18 @@ def _allowed_actions(shape: tuple[int, ...]) -> str:
 
 
 class DeviceActions:
-    """Checks actions on the engine's device, without copies to the host. ``raise_invalid`` later reports numbers that
-    are not finite."""
+    """Checks actions on the engine's device, without copies to the host.
+
+    Numbers that are not finite are reported later, by ``raise_invalid``.
+    """
 
     def __init__(self, num_worlds: int, action_size: int, example_array: Any) -> None:
-        """Create checks of actions (N, A) that have the device and the data type of the array ``example_array``."""
+        """Prepare checks of actions (N, A) with the device and data type of the array ``example_array``."""
         self._shape, self._exemplar = (num_worlds, action_size), example_array
         self._invalid: Any = to_device_of(np.zeros(num_worlds, dtype=bool), example_array)
 
     def validate_actions(self, action: Any) -> Any:
-        """Returns the actions, with zeros in place of numbers that are not finite.
+        """Returns the actions. Numbers that are not finite are replaced by zero.
 
         Raises:
             ValueError: for a wrong shape, type or device.
@@ -63,7 +65,7 @@ class DeviceActions:
         return xp.where(finite, action, 0.0)
 
     def raise_invalid(self) -> None:
-        """Raises ``ValueError`` if any action since the last call was not finite."""
+        """Raise ``ValueError`` if any action since the last call was not finite."""
         count = int(self._invalid.sum())
         if count:
             self._invalid = self._invalid & False

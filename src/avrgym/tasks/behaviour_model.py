@@ -1,5 +1,7 @@
-"""Behaviour model of N people: computes their joint targets. People are still, have tremor, cooperate, or behave like
-partners of the zoo. ``people.motor`` moves their joints."""
+"""Behaviour model of N people: computes their joint targets.
+
+People are still, have tremor, cooperate, or behave like partners of the zoo. ``people.motor`` moves their joints.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,7 +26,7 @@ BehaviourState = CooperationState | PartnerState
 class BehaviourModel:
     """Computes the joint targets of N people of one distribution, each in an independent episode.
 
-    With ``people.motor``, call ``choose_goals`` every 0.1 s, and ``next_targets`` for the targets until the next call.
+    With ``people.motor``, call ``choose_goals`` every 0.1 s. Between these calls, ``next_targets`` returns the targets.
     With version 1 of the motion, call ``step`` every 0.1 s.
     """
 
@@ -60,15 +62,18 @@ class BehaviourModel:
         self._state, self._motor = self._initial(people, uniforms)
 
     def snapshot(self) -> tuple[BehaviourState, MotorState]:
-        """Returns the whole state on which the next steps depend."""
+        """Returns the state on which the next steps depend."""
         return self._state, self._motor
 
     def restore(self, snapshot: tuple[BehaviourState, MotorState]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restore a state from ``snapshot``."""
         self._state, self._motor = snapshot
 
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:
-        """Start episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``cooperation.NUM_UNIFORMS``)."""
+        """Start episodes in worlds ``ids`` (n,) with the bodies ``people``.
+
+        Behaviour parameters are sampled from uniform random numbers (n, ``cooperation.NUM_UNIFORMS``).
+        """
         state, motor_state = self._initial(people, uniforms)
         self._state = replace_worlds(self._state, state, ids)
         self._motor = replace_worlds(self._motor, motor_state, ids)
@@ -85,8 +90,10 @@ class BehaviourModel:
         return to_device_of(state, self._exemplar), to_device_of(moved, self._exemplar)
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
-        """Move the targets of the joints ``joints`` for one control step. Actions (N, K) are speeds, divided by the
-        speeds of unhurried people."""
+        """Move the targets of the joints named ``joints`` for one control step.
+
+        Actions (N, K) are joint speeds, divided by the speeds of unhurried people.
+        """
         targets = partner_behaviour.steer_targets(self._state.targets_rad, joints, action)
         self._state = replace(self._state, targets_rad=limit(targets))
 
@@ -103,8 +110,7 @@ class BehaviourModel:
             observe: returns the people's observation; called only if the people react to the tool.
             people: their bodies.
             limit: limits joint angles to the people's ranges.
-            world_mask: mask (N,) of the worlds that are advanced; ``None``: all. The returned targets of other worlds
-                have no meaning.
+            world_mask: mask (N,) of the worlds to advance; ``None``: all. The targets of other worlds are invalid.
         """
         old, offered, posture = self._state, self._offered, self._posture
         if isinstance(old, PartnerState):
@@ -121,7 +127,7 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> None:
-        """Choose the goal joint angles of people for the next 0.1 s. The arguments are those of ``step``."""
+        """Choose the goal joint angles of people for the next 0.1 s. For the arguments, see ``step``."""
         state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):
@@ -136,13 +142,13 @@ class BehaviourModel:
         )
 
     def next_targets(self, limit: JointLimiter, count: int) -> FloatArray:
-        """Take ``count`` steps of 10 ms; returns the joint targets (``count``, N, 20) at their ends."""
+        """Take ``count`` steps of 10 ms. Returns the joint targets (``count``, N, 20) at the end of each step."""
         self._motor, targets = motor.next_targets_rad(self._motor, count)
         return limit(targets)
 
 
 def _chosen(world_mask: BoolArray | None, new: Any, old: Any) -> Any:
-    """Returns the state ``new`` in the worlds of a mask (N,), and ``old`` in others; ``None``: all worlds."""
+    """Returns the state ``new`` in worlds of the mask (N,), ``old`` in others; ``None``: all worlds are new."""
     if world_mask is None:
         return new
     rows = np.nonzero(world_mask)[0]

@@ -1,7 +1,7 @@
-"""Renders the images of cameras in the worlds of ``Episodes``, by MuJoCo's renderer.
+"""Renders camera images of the worlds of ``Episodes``, with MuJoCo's renderer.
 
-All worlds share one model for each sex. Before a world is rendered, the world's person and positions are copied to the
-model. Physics has its own model without appearance.
+All worlds share one model for each sex. Before a world is rendered, its person and positions are copied to the model.
+Physics has its own model without visual geometry.
 """
 
 import warnings
@@ -37,29 +37,34 @@ if TYPE_CHECKING:
     from avrgym.tasks.episodes import Episodes
 
 NEAR_CLIP_M, FAR_CLIP_M = 0.02, 20.0
-"""Nearest and farthest rendered distance. Shadows are not rendered: without a graphics card they would take two thirds
-of the time."""
+"""Smallest and largest rendered distance.
+
+Shadows are not rendered: without a graphics card they would take two thirds of the time.
+"""
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
 HIDDEN_GROUP = 5
 Images = dict[str, NumpyArray]
-"""Images by the name of their entry, such as ``wrist_rgb``."""
+"""Images by observation entry, such as ``wrist_rgb``."""
 PersonKey = tuple[str, float, float, str, float | None, float | None]
 
 
 class CameraImages:
-    """The cameras of N worlds. The first image creates the graphics context; any thread may then take images, one at a
-    time."""
+    """Renders the cameras of N worlds. The first image creates the graphics context.
+
+    Any thread may then render images, one thread at a time.
+    """
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
-        """Prepare the images of cameras from ``models.cameras.as_cameras``."""
+        """Store the cameras, from ``models.cameras.as_cameras``."""
         self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes
         self._models: dict[str, _SexModel] = {}
 
     def images(self, worlds: Iterable[int] | None = None) -> Images:
-        """Returns images (n, ...) of the present state of ``worlds`` (default: all), by entry name. See ``CameraSpec``
-        for their types.
+        """Returns images (n, ...) of the present state of ``worlds`` (default: all), by entry name.
+
+        ``CameraSpec`` defines their types.
 
         Raises:
             RuntimeError: if rendering fails. The message contains a setting that may help.
@@ -93,8 +98,7 @@ class CameraImages:
         self.close()
 
     def _graphics(self) -> AbstractContextManager[None]:
-        """Returns a context manager that makes the graphics context current. The first call creates the graphics
-        context."""
+        """Returns a context manager that makes the graphics context current. The first call creates the context."""
         if self._context is None:
             check_graphics()
             self._context = _owned_context()(*self._size_px)
@@ -102,7 +106,7 @@ class CameraImages:
 
     @property
     def _size_px(self) -> tuple[int, int]:
-        """Width and height that contain all images."""
+        """Largest width and largest height of all images."""
         return max(each.width_px for each in self.cameras), max(each.height_px for each in self.cameras)
 
     def _model_of(self, person: Person) -> "_SexModel":
@@ -112,8 +116,7 @@ class CameraImages:
 
 
 class _SexModel:
-    """The model of the scene with a woman or a man, in graphics memory. It contains the state of one world at a
-    time."""
+    """The model of the scene with a woman or a man, in graphics memory. It shows one world at a time."""
 
     def __init__(
         self,
@@ -194,8 +197,10 @@ class _SexModel:
             out["segmentation"][:] = self._segmented(colours)[::-1]
 
     def _outside(self, camera: CameraSpec, number: int) -> BoolArray:
-        """Boolean mask of geoms that are completely outside of an image. Without them, rendering takes a fifth less
-        time."""
+        """Returns a boolean mask of geoms that are completely outside of an image.
+
+        Rendering without them takes a fifth less time.
+        """
         model, data = self.model, self._data
         pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
         radius, ahead = model.geom_rbound, -pos[:, 2]
@@ -206,7 +211,7 @@ class _SexModel:
         return beyond & (radius > 0.0)
 
     def _segmented(self, colours: NDArray[np.uint8]) -> NDArray[np.int32]:
-        """Labels (H, W) from the object numbers that the renderer returns as colours; 0 is the background."""
+        """Returns labels (H, W) for the object numbers that the renderer encodes as colours; 0 is the background."""
         number = colours.astype(np.int32) @ np.array([1, 256, 65536], np.int32)
         label = np.zeros(self._scene.ngeom + 1, np.int32)
         for geom in self._scene.geoms[: self._scene.ngeom]:
@@ -221,8 +226,9 @@ class _SexModel:
 
 @cache
 def _owned_context() -> Any:
-    """The class of graphics contexts that ``CameraImages.close`` frees. Garbage collection would free the contexts
-    before the memory of their models.
+    """Returns a class of graphics contexts that only ``CameraImages.close`` frees.
+
+    Garbage collection would free a context before the memory of its models.
     """
 
     def ignore(context: Any) -> None:
@@ -232,7 +238,7 @@ def _owned_context() -> Any:
 
 
 def check_graphics() -> None:
-    """Raises ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
+    """Raise ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
     error = graphics_error()
     if error is not None:
         raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
@@ -254,15 +260,17 @@ def graphics_error() -> str | None:
 
 
 def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Distances along the optical axis from the renderer's depth, which is 0 at ``FAR_CLIP_M`` and 1 at
-    ``NEAR_CLIP_M``."""
+    """Returns distances along the optical axis from the renderer's depth.
+
+    The depth is 0 at ``FAR_CLIP_M`` and 1 at ``NEAR_CLIP_M``.
+    """
     share = depth.astype(np.float64)
     metres = NEAR_CLIP_M * FAR_CLIP_M / (NEAR_CLIP_M + share * (FAR_CLIP_M - NEAR_CLIP_M))
     return np.minimum(metres, MAX_DEPTH_M).astype(np.float32)
 
 
 def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int], int]:
-    """The label of each geom, skin and flex, by the type and number of the object."""
+    """Returns the label of each geom, skin and flex, by type and number of the object."""
     particles = episodes.scene.tool.particles
     grains = () if particles is None else particles.bodies
     tool = model.body(TOOL).id

@@ -7,12 +7,12 @@ from avrgym.system import optional_robots
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
 ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED)
-"""Names of the tasks of the paper, of all packaged tasks, and of the packaged robots."""
+"""Names of the packaged robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
-"""Version of the simulated world: physics, initial states and rewards. Recordings store this version.
+"""Version of the simulation: physics, initial states and rewards. Recordings store this version.
 
-If the versions differ, the commands of a recording may lead to different states.
+If the versions differ, the actions of a recording may lead to different states.
 """
 
 
@@ -30,7 +30,7 @@ PAPER_ENVIRONMENTS = tuple(
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
-    """Returns the exceptions for which commands over all environments skip this environment and report the error.
+    """Returns the exceptions for which a command skips this environment and continues with the next one.
 
     Plug-ins may raise any exception.
     """

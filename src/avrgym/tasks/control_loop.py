@@ -22,13 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """The outcome of one control step in N worlds; world axis first. ``events`` as in ``StepResult``.
+    """The result of one control step in N worlds. The first axis is the world. ``events`` as in ``StepResult``.
 
-    Arrays are NumPy arrays in double precision, or on a device tensors in single precision.
+    Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
-    ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) marks worlds in which the force
-    guard, the withdrawal or the pacing layer replaced the commanded action; ``guard_interventions`` (N,) counts the
-    guard's interventions in the episode. Both are ``None`` without such a layer.
+    ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) is the mask of worlds in which
+    another action replaced the commanded one. It came from the force guard, the withdrawal or the pacing layer.
+    ``guard_interventions`` (N,) is the number of interventions of the guard in the episode. Both are ``None`` without
+    such a layer.
     """
 
     observation: FloatArray
@@ -46,7 +47,7 @@ class Step:
 
 @dataclass(frozen=True)
 class ControlStep:
-    """A control step of the first world that consists of single ticks.
+    """A control step of the first world, composed of ticks of 10 ms.
 
     ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether the
     withdrawal controlled the robot.
@@ -59,16 +60,14 @@ class ControlStep:
 
 
 class ActionSource(Protocol):
-    """Source of commands in each tick: a policy, an operator or a recording."""
+    """Source of actions for the ticks of a control step: a policy, an operator or a recording."""
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) at the start of a control step, given observations (N, O)."""
         ...
 
     def update_action(self) -> FloatArray | None:
-        """Returns new actions (N, A) at a later tick of the control step, or ``None`` to continue with the
-        present actions.
-        """
+        """Returns new actions (N, A) at a later tick of the control step. ``None``: the present actions continue."""
         ...
 
 
@@ -76,7 +75,7 @@ class ControlLoop:
     """Steps N worlds: a whole control step with ``step``, or one tick of 10 ms with ``tick``.
 
     Three layers may replace commanded actions, in this order: ``pacing``, ``withdrawal`` after success, then ``guard``.
-    Without guard and recorder, ``step`` runs all physics steps between two commands in one call.
+    Without guard and recorder, ``step`` runs all physics steps between two actions in one call.
     """
 
     def __init__(
@@ -88,13 +87,13 @@ class ControlLoop:
         reward_withdrawal: bool = False,
         rules: AppliedRules | None = None,
     ) -> None:
-        """Create the loop with the chosen layers.
+        """Create the loop with the selected layers.
 
         Args:
             episodes: the worlds.
-            force_guard: whether a force guard overrides actions; needs forces by region.
+            force_guard: whether a force guard overrides actions; needs forces by body region.
             withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
-            reward_withdrawal: whether steps that the withdrawal drives are rewarded.
+            reward_withdrawal: whether steps that the withdrawal controls are rewarded.
             rules: the participants' commands and preferences; ``None``: no pacing layer.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
@@ -130,7 +129,7 @@ class ControlLoop:
         return {name: layer.snapshot() for name, layer in layers.items() if layer is not None}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restore a state from ``snapshot``."""
         if self.pacing is not None:
             self.pacing.restore(snapshot["pacing"])
         if self.withdrawal is not None:
@@ -140,7 +139,7 @@ class ControlLoop:
 
     @property
     def withdrawing(self) -> BoolArray:
-        """Boolean mask (N,): worlds whose robot withdraws after success, or has withdrawn and waits."""
+        """Boolean mask (N,): worlds whose robot withdraws after success, or waits after the withdrawal."""
         if self.withdrawal is None:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
         return self.withdrawal.driving
@@ -148,7 +147,7 @@ class ControlLoop:
     def take_command(self, command: CommandName, worlds: BoolArray | None = None) -> BoolArray:
         """Apply a participant's command in the worlds of a mask (N,), by default in all worlds.
 
-        Returns the mask of the worlds in which the command has an effect. Without a pacing layer it has no effect.
+        Returns the mask of worlds in which the command has an effect. Without a pacing layer the command has no effect.
         """
         everywhere = np.ones(self._simulation.num_worlds, dtype=bool)
         if self.pacing is None:
@@ -161,7 +160,7 @@ class ControlLoop:
         return effective
 
     def command_input(self) -> FloatArray:
-        """Returns the input ``command`` (N, C) of controllers, see ``safety.pacing.COMMAND_INPUT``."""
+        """Returns the commands (N, C) as inputs of controllers, see ``safety.pacing.COMMAND_INPUT``."""
         if self.pacing is None:
             return np.tile(NO_COMMAND, (self._simulation.num_worlds, 1))
         return self.pacing.command_input()
@@ -171,11 +170,11 @@ class ControlLoop:
         return actions if self.pacing is None else self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, A) in which the withdrawal's actions replace those of the worlds that it controls."""
+        """Returns the actions (N, A). The withdrawal replaces the actions of the worlds that it controls."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
-        """Returns the outcome with executed actions and interventions, given the commanded actions (N, A)."""
+        """Returns the result with ``overridden`` and ``guard_interventions``, given the commanded actions (N, A)."""
         if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
@@ -185,10 +184,10 @@ class ControlLoop:
         )
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, A). A recorder receives the forces of each physics step.
+        """Take one control step with actions (N, A). A recorder stores the forces of each physics step.
 
         Raises:
-            ValueError: for actions that ``Episodes.validate_actions`` rejects. The worlds do not change then.
+            ValueError: for actions that ``Episodes.validate_actions`` rejects. The worlds are then unchanged.
         """
         self._commanded = self._episodes.validate_actions(actions)
         self._execute(self.apply_withdrawal(self._paced(self._commanded)))
@@ -232,10 +231,11 @@ class ControlLoop:
         return self.annotate(outcome, self._commanded)
 
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms. With a source, the last tick of a control step returns the completed step.
+        """Advance by 10 ms. Returns the completed control step after its last tick, otherwise ``None``.
 
-        With ``hold``, the commanded actions are not executed: the brakes hold the robots. An intervention of the guard
-        still moves the robots. While the withdrawal drives all worlds, the source is not queried.
+        Without a source, no control step is in progress. With ``hold``, the commanded actions are not executed: the
+        brakes hold the robots. An intervention of the guard still moves the robots. While the withdrawal controls all
+        worlds, the source is not queried.
         """
         self.applied_action = None
         if source is None:
@@ -256,7 +256,7 @@ class ControlLoop:
         return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
     def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
-        """Advance all worlds by 10 ms outside of control steps, with new actions (N, A) if given."""
+        """Advance all worlds by 10 ms outside of control steps. New actions (N, A) are optional."""
         self.applied_action = None
         if actions is not None:
             self._executed = actions

@@ -1,4 +1,4 @@
-"""Episodes of N worlds: reset, control step, reward.
+"""``Episodes``: episodes in N worlds, with reset, control step and reward.
 
 Gymnasium environments, training, evaluation, live trials and replay use this class.
 """
@@ -42,18 +42,20 @@ if TYPE_CHECKING:
     from avrgym.tasks.camera_images import CameraImages
 
 ACTION_PENALTY_TERM = "action_squared"
-"""The reward term of the action penalty, which depends on the agent."""
+"""Name of the reward term of the action penalty. This term depends on the agent, robot or human."""
 MAX_TOOL_ERROR_M = 0.01
-"""Maximum distance of the tool from its intended initial position, if the user placed the base or the table."""
+"""Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
 MAX_REACH_DRAWS = 10
-"""Maximum number of samples until the tool reaches its intended initial position, if the user placed base or table."""
+"""Maximum number of sampled initial states in which the tool is farther away than ``MAX_TOOL_ERROR_M``."""
 MAX_START_DRAWS = 100
-"""Maximum number of samples until an initial state without overlapping bodies is found."""
+"""Maximum number of sampled initial states until one has no overlapping bodies."""
 
 
 class Episodes:
-    """Episodes in N worlds of one environment. Each world has its own random stream; worlds do not affect each
-    other."""
+    """Episodes in N worlds of one environment.
+
+    Each world has its own random stream. Worlds do not affect each other.
+    """
 
     def __init__(
         self,
@@ -79,19 +81,20 @@ class Episodes:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a
-                folder of trained humans.
+            people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder
+                of trained humans.
             person: one fixed person for every episode, instead of ``people``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the caller moves people's joints, with ``Simulation.command_person``.
             num_threads: threads for the physics; 0: one per core.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
-            human_actions: whether people execute actions, see ``command_people``, instead of moving by themselves.
+            human_actions: whether people execute actions, see ``command_people``. Otherwise a behaviour model moves
+                them.
             engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
             on_device: whether control steps run on the engine's device. ``step`` then takes and returns tensors,
                 without copies to the host. Call ``check`` once per episode. The host computes initial states.
-            withdraw_after_success: whether the robot withdraws its tool after success in tasks that end with success,
-                see ``safety.withdrawal``. Steps that the withdrawal drives have reward 0.
+            withdraw_after_success: whether the robot withdraws its tool after success, see ``safety.withdrawal``. This
+                applies to tasks that end with success. Steps that the withdrawal controls have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
             rules: commands and preferences of the people, see ``safety.pacing``; ``None``: no pacing layer.
             settings: changes of scene and control.
@@ -190,7 +193,7 @@ class Episodes:
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns arguments and state. A copy continues bit-identically; it reads a people file again."""
+        """Returns arguments and state. A copy continues bit-identically. It reads a people file again."""
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
@@ -213,15 +216,15 @@ class Episodes:
 
     @property
     def people(self) -> People:
-        """The people of the present episodes, (N,)."""
+        """The people (N,) of the present episodes."""
         return self._people.people
 
     def set_person(self, person: Person) -> None:
-        """Use this fixed person in all following episodes."""
+        """Use a fixed person in all following episodes."""
         self._people.person = person
 
     def reset(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
-        """Start episodes in worlds ``ids`` (n,), each sampled from its generator. Returns observations (n, O).
+        """Start episodes in worlds ``ids`` (n,), each sampled with its generator. Returns observations (n, O).
 
         Initial states with overlapping bodies are resampled, see ``simulation.start_clearance``.
 
@@ -252,8 +255,7 @@ class Episodes:
         return self.observe()[ids]
 
     def episode_start(self, world: int) -> EpisodeStart:
-        """Returns the initial state of a world's episode, without its person. Call this method before the first
-        step."""
+        """Returns the initial state of a world's episode, without the person. Call it before the first step."""
         pos_w, q_w = self.simulation.initial_base_pose()
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
@@ -283,7 +285,7 @@ class Episodes:
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
-        """Sample an initial state for each of worlds ``ids`` (n,) and set the worlds to it."""
+        """Sample an initial state for each of the worlds ``ids`` (n,), and set the worlds to these states."""
         count = world_people.NUM_UNIFORMS + self.task.num_uniforms
         uniforms = np.stack([generator.random(count) for generator in generators])
         people = self._people.reset(ids, uniforms[:, : world_people.NUM_UNIFORMS])
@@ -297,16 +299,16 @@ class Episodes:
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
-        """Returns the people. Their joint strength is multiplied by ``Task.strength_share``."""
+        """Returns the people with their joint strength multiplied by ``Task.strength_share``."""
         share = self.task.strength_share
         if share is None:
             return people
         return replace(people, strength_share=people.strength_share[:, None] * joint_strength_shares(share))
 
     def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
-        """Pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
+        """Returns pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
 
-        People who move by themselves may have tremor. The two extreme poses of the tremor are then checked too.
+        If a behaviour model moves the people, the two extreme poses of their tremor are checked too.
         """
         found = self._insufficient_clearance(ids)
         if self._people.move:
@@ -327,12 +329,12 @@ class Episodes:
         """Take one control step with actions (N, A), see ``ControlLoop.step``.
 
         Raises:
-            ValueError: for actions that ``validate_actions`` rejects. The worlds do not change then.
+            ValueError: for actions that ``validate_actions`` rejects. The worlds are then unchanged.
         """
         return self.loop.step(actions, recorder)
 
     def validate_actions(self, actions: FloatArray) -> FloatArray:
-        """Check actions (N, A) and return them as an array.
+        """Check actions (N, A). Returns them as an array.
 
         On a device, actions must be tensors on this device in single precision. ``check`` reports numbers that are not
         finite.
@@ -345,7 +347,7 @@ class Episodes:
         return validate_actions(actions, (self.simulation.num_worlds, self.action_size))
 
     def command(self, actions: FloatArray) -> None:
-        """Command the robots with checked actions (N, A), and set the targets of moving people."""
+        """Command the robots with validated actions (N, A), and set the joint targets of moving people."""
         self.simulation.command_robot(actions)
         if self._people.trained is not None:
             self.command_people(self._people.trained.act(self.human_observation()))
@@ -357,8 +359,10 @@ class Episodes:
             self.simulation.command_person(*self._people.step(self.simulation.state))
 
     def step_physics(self, substep: int, count: int) -> None:
-        """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on. People who
-        move by themselves move. ``count`` divides ``SUBSTEPS``."""
+        """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on.
+
+        This also moves people with a behaviour model. ``count`` divides ``SUBSTEPS``.
+        """
         if self._people.smooth:
             targets = self._people.next_targets(self.simulation.state, count)
             self.simulation.step(count, targets)
@@ -368,7 +372,7 @@ class Episodes:
         self.simulation.step(count)
 
     def check(self) -> None:
-        """Check all results since the last check on a device. Call it once per episode.
+        """Check all results on a device since the last check. Call it once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
@@ -379,16 +383,16 @@ class Episodes:
             self._device_actions.raise_invalid()
 
     def command_people(self, action: FloatArray) -> None:
-        """Command people for the next control step.
+        """Command the people's joints for the next control step.
 
         Args:
-            action: (N, K), velocity of each of ``offered_joints`` relative to the speed of unhurried people. Values are
-                clipped to [−1, 1], and no joint exceeds its range.
+            action: (N, K), speed of each of ``offered_joints``, divided by the speed of unhurried people. Values are
+                clipped to [−1, 1]. No joint exceeds its range.
         """
         self._people.command(action)
 
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
-        """Evaluate the finished control step, given its actions (N, A). Remove particles that no longer count.
+        """Evaluate the finished control step, given its actions (N, A). Remove particles that are no longer needed.
 
         Rewards and their terms become 0 in the worlds of the mask ``unrewarded`` (N,).
         """
@@ -403,7 +407,7 @@ class Episodes:
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> Step:
-        """Evaluate the present state as after a step with zero actions. Task states do not change."""
+        """Evaluate the present state like a step with zero actions. Task states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
             np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
@@ -434,13 +438,14 @@ class Episodes:
         return self.observation.of(self.simulation.state(), self.task_state)
 
     def human_observation(self) -> FloatArray:
-        """Returns the human agent's observations (N, H), see ``HumanView``."""
+        """Returns the observations (N, H) of the human agents, see ``HumanView``."""
         return self.human_view.of(self.human_view.person_inputs(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
         """Returns the reward (N,) of people with actions (N, K).
 
-        If ``shared``, it is the robots' reward. Otherwise the people's action penalty replaces that of the robots.
+        If ``shared``, it is the reward of the robots. Otherwise the action penalty of the people replaces that of the
+        robots.
         """
         weight = self.task.weights.get(ACTION_PENALTY_TERM, 0.0)
         if shared or not weight:
@@ -453,10 +458,10 @@ class Episodes:
     ) -> dict[str, NumpyArray]:
         """Returns images (n, ...) of the present state of some or all worlds, by the names of ``CameraSpec.entries``.
 
-        The first call compiles the appearance. Rendering changes no state.
+        The first call compiles the models with visual geometry. Rendering changes no state.
 
         Raises:
-            RuntimeError: if nothing can be rendered. The message contains a setting that may help.
+            RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         if self._images is None or self._images.cameras != tuple(cameras):
             from avrgym.tasks.camera_images import CameraImages  # states alone load no graphics library
@@ -472,7 +477,7 @@ class Episodes:
             self._images = None
 
     def marks_w(self) -> FloatArray:
-        """Positions (N, ``task.marks.count``, 3) of the task's marks, world frame."""
+        """Returns the positions (N, ``task.marks.count``, 3) of the task's markers in the world frame."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
         return self.task.marks.places(self.simulation.arms(), self.task_state)

@@ -1,4 +1,4 @@
-"""Observations of people as agents: tool and goal in the frame of the hips, the person's body, and contact forces."""
+"""Observations of the human agent: tool and goal in the frame of the hips, the person's body, and contact forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from avrgym.tasks.registry import task_and_scene
 
 @dataclass(frozen=True, kw_only=True)
 class PersonInputs:
-    """The inputs of N people's observations; world frame, metres, radians, newtons.
+    """The values from which N human observations are computed; world frame, metres, radians, newtons.
 
-    Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each of the view's
-    ``goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist. The forces
-    (N,) are the force of robot and tool, and the force of the tool.
+    Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each entry of
+    ``HumanView.goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist.
+    ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
     """
 
     hips_pos_w: FloatArray
@@ -38,15 +38,20 @@ class PersonInputs:
 
 
 class HumanView:
-    """Computes a person's observation, as in Assistive Gym; metres, radians, newtons.
+    """Computes the observation of a human agent, as in Assistive Gym; metres, radians, newtons.
 
-    The order is: position (3) and quaternion (4) of the tool; the tool's position relative to its goal (3), if this is
-    part of the robot's observation; all 20 joint angles; positions of shoulder, elbow and wrist (9) if an arm is
-    offered, otherwise position (3) and quaternion (4) of the head; the force of robot and tool (1) and of the tool (1).
+    The entries are, in this order:
+
+    - position (3) and quaternion (4) of the tool;
+    - position of the tool relative to its goal (3), if the robot observes it;
+    - all 20 joint angles;
+    - if an arm is offered, positions of shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4) of the
+      head;
+    - the force of robot and tool (1), and the force of the tool (1).
     """
 
     def __init__(self, offered: OfferedPart, observation: Observation) -> None:
-        """Create the view of people who offer a part of the body to a robot with this observation."""
+        """Define the entries for an offered body part and the robot's observation."""
         self._arm = offered == "arm"
         self.goals = [entry for entry in observation.entries if entry.scale is not None]
         body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4
@@ -80,7 +85,7 @@ class HumanView:
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
     def _body(self, inputs: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
-        """The offered part of the body, in the frame of the hips."""
+        """Returns the entries of the offered body part, in the frame of the hips."""
         if self._arm:
             offset = inputs.right_arm_pos_w - inputs.hips_pos_w[:, None]
             return [transforms.rotate(turned_back[:, None], offset)]
@@ -107,10 +112,10 @@ class HumanView:
 
 
 def human_view_of(environment_id: str) -> tuple[HumanView, int]:
-    """Returns the observation function of humans in an environment, and the length of their actions.
+    """Returns the human observation of an environment, and the length of human actions.
 
     Raises:
-        ValueError: for an unknown environment. The message lists the ids.
+        ValueError: for an unknown environment id. The message lists the ids.
     """
     task, scene = task_and_scene(environment_id)
     return HumanView(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])

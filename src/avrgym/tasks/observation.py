@@ -1,4 +1,4 @@
-"""Observations of policies: named entries in a fixed order."""
+"""Observations of robot policies: named entries in a fixed order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +13,15 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.placement import arm_chain
 
 EntryFunction = Callable[[State, Any], FloatArray]
-"""A function that computes values (N, k), or (N,) for one value, from the states of N worlds and of the task."""
+"""Function that computes the values of an entry (N, k), or (N,) for one value. Arguments: state and task state."""
 
 MAX_DISTANCE_M = 3.0
-"""Bound of a distance: arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
+"""Bound of a distance. Arms reach less than 1.5 m. The head is less than 1.5 m from the robot's base."""
 MAX_ANGLE_RAD = 7.0
-"""Bound of a joint position: ranges end at ±2π, and soft limits allow slightly more. Slides and bases move by less than
-7 m."""
+"""Bound of a joint position. Ranges end at ±2π; soft limits allow slightly more.
+
+Slides and bases move by less than 7 m.
+"""
 UNIT_BOUND = 1.001
 """Bound of a component of a unit quaternion, with a margin for rounding."""
 MAX_FORCE_N = 10_000.0
@@ -30,7 +32,7 @@ MAX_FORCE_N = 10_000.0
 class Entry:
     """An entry of an observation: name, number of values, bound (±), and the function that computes the values.
 
-    Training normalises by the observed variance, or by ``scale`` (in the entry's unit) if the entry has a scale.
+    Training normalises by ``scale`` (in the entry's unit). Without a scale, it normalises by the observed variance.
     """
 
     name: str
@@ -70,7 +72,7 @@ def force_entry(name: str, compute: EntryFunction) -> Entry:
 
 @dataclass(frozen=True)
 class Observation:
-    """The entries of an observation, in order.
+    """An observation: its entries, in order.
 
     Raises:
         ValueError: without entries, or if two entries have the same name.
@@ -136,9 +138,10 @@ def value_names(observation: Observation) -> list[str]:
 
 
 def joint_positions(scene: SceneConfig) -> Entry:
-    """Returns an entry of the arm's joint positions, then x, y and yaw of a driving base relative to its start.
+    """Returns an entry of the arm's joint positions.
 
-    The name is ``arm_angles_rad`` for arms of hinges on a fixed base.
+    For a driving base, x, y and yaw relative to its start follow. The name is ``arm_angles_rad`` for arms of hinges on
+    a fixed base.
     """
     count, drives = len(scene.arm.joints), scene.robot.drive is not None
     if drives:
@@ -168,11 +171,11 @@ RIGHT_ARM_FROM_ROBOT = tuple(
     position_entry(f"{name}_from_torso_m", _right_arm(joint))
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
-"""Common entries, relative to the robot's torso, with the axes of the world frame."""
+"""Common entries. Positions ``…_FROM_ROBOT`` are relative to the robot's torso, with the axes of the world frame."""
 
 
 def mouth_task_observation(scene: SceneConfig) -> Observation:
-    """Returns the observation of tasks at the mouth: tool, arm and head."""
+    """Returns the observation of the tasks feeding and drinking: tool, robot arm and head."""
     return Observation(
         (
             TOOL_FROM_ROBOT,

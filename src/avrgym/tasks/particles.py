@@ -1,4 +1,4 @@
-"""Events of the particles that a tool carries."""
+"""Events of particles: food on a spoon, water in a cup."""
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
@@ -12,10 +12,10 @@ GROUND_M = 0.03
 
 
 def particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
-    """Returns a mask (N, K) of the ``candidates`` (N, K) that touch the person.
+    """Returns the mask (N, K) of those ``candidates`` (N, K) that touch the person.
 
-    A particle touches the person within 2 mm of a capsule's surface. Distances are computed only for particles that are
-    farther from the tool than the person is.
+    A particle touches the person within 2 mm of a capsule's surface. If a particle is nearer to the tool than the
+    person is, its distance is not computed.
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
@@ -29,7 +29,7 @@ def particles_on_person(state: State, radius_m: float, candidates: BoolArray) ->
 
 
 def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
-    """Distances (n, G) in metres of points (n, 3) from the surfaces of the person's capsules in the point's world."""
+    """Returns the distances (n, G) in metres of points (n, 3) from the person's capsules in the worlds ``world``."""
     segment_w = state.person_segment_w[world]
     distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
@@ -41,7 +41,7 @@ def count_events(events: BoolArray) -> FloatArray:
 
 
 def check_count(state: State, events: BoolArray) -> None:
-    """Check that a task's state and its tool have the same number of particles.
+    """Check that the task state and the tool have the same number of particles.
 
     Raises:
         ValueError: if the numbers differ. The message contains both.

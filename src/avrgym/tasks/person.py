@@ -1,4 +1,4 @@
-"""Shared constants of tasks: initial poses, limbs, and the comfortable force."""
+"""Shared constants of tasks: initial poses, limbs, and the limit of comfortable forces."""
 
 import numpy as np
 
@@ -15,15 +15,15 @@ TURNED_HEAD = Pose(
 )
 """Seated, the head turned by up to 30° about each axis (paper, section IV)."""
 ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
-"""Spread of the right arm's joints around the rest pose (20,) (paper, section V)."""
+"""Maximum random offset of each joint of the right arm from the rest pose (20,) (paper, section V)."""
 
 LIMBS = RIGHT_ARM[:2]
-"""Limbs on which the robot works in itch scratching and bed bathing: upper arm and forearm."""
+"""The limbs in itch scratching and bed bathing: right upper arm and forearm."""
 STRONG_FORCE_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
 SKIN_MARGIN_M = 0.008
 LATERAL_AXES = np.array([1.0, 1.0, 0.0])
-"""Factors that select the components perpendicular to a limb, in the limb's frame."""
+"""Factors that remove the component along a limb, in the limb's frame."""
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
@@ -32,6 +32,6 @@ def force_above_limit(force_n: FloatArray) -> FloatArray:
 
 
 def move_above_sleeve(places: FloatArray) -> FloatArray:
-    """Returns points (..., 3), moved from a limb's collision shape to the outside of skin and sleeve; limb's frame."""
+    """Returns points (..., 3) in the limb's frame, moved outwards from the collision shape to above skin and sleeve."""
     outwards = places * constant_like(LATERAL_AXES, places)
     return places + SKIN_MARGIN_M * transforms.normalize(outwards)

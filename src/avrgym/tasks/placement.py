@@ -23,14 +23,16 @@ from avrgym.simulation.worlds import Start
 from avrgym.tasks.rehearsal import Rehearsal, WayRehearsal
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
-"""Number of uniform random numbers for the base search. With a fixed base, the restarts of the inverse kinematics use
-these numbers: they are enough for 75 joints."""
+"""Number of uniform random numbers for the base search.
+
+With a fixed base, the restarts of the inverse kinematics use these numbers. They are enough for 75 joints.
+"""
 X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 _WHEELCHAIR_EDGE_M, _BED_EDGE_M = -0.345, -0.47
 
 
 def furniture_edge_m(posture: Posture) -> float:
-    """Edge of wheelchair or bed on the person's right: x coordinate."""
+    """Returns the x coordinate of the edge of wheelchair or bed, on the person's right."""
     return _WHEELCHAIR_EDGE_M if posture.seated else _BED_EDGE_M
 
 
@@ -48,10 +50,10 @@ def wheelchair_scene(
     """Returns the scene of a person in a wheelchair and a robot.
 
     ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: the robot's position is
-    mirrored to the person's left; ``side`` is still the side of the robot's arm.
+    mirrored to the person's left. ``side`` is still the side of the robot's arm.
 
     Raises:
-        UnsuitableRobotError: if the robot lacks arm, mount or grip.
+        UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "wheelchair", side, tool)
     if mount.on_floor:
@@ -67,7 +69,7 @@ def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
     """Returns the scene of a person in a hospital bed and a robot.
 
     Raises:
-        UnsuitableRobotError: if the robot lacks arm, mount or grip.
+        UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "bed", side, tool)
     around = (add_hospital_bed, *_carrier(mount))
@@ -91,15 +93,15 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
 
 
 DRIVE_TRAVEL_M = 0.8
-"""Maximum distance that a planned motion may drive a robot forward or back from its start."""
+"""Maximum distance that a planned motion drives a robot forwards or backwards from its start."""
 
 
 @cache
 def planning_chain(scene: SceneConfig) -> kinematics.Chain:
-    """Returns the kinematic chain for motion planning: ``arm_chain``, with a slide for the travel of a driving base.
+    """Returns the kinematic chain for motion planning: ``arm_chain``, preceded by a slide for a driving base.
 
-    Plans use the drive as a slide and do not rotate the base. Lift, telescoping arm, wrist and drive together give the
-    tool six degrees of freedom.
+    Plans treat the drive as a slide and do not rotate the base. Lift, telescoping arm, wrist and drive together give
+    the tool six degrees of freedom.
     """
     chain = arm_chain(scene)
     return chain if scene.robot.drive is None else kinematics.prepend_slide(chain, DRIVE_TRAVEL_M)
@@ -138,16 +140,16 @@ def find_start(
     *,
     along_goals: bool = False,
 ) -> Start:
-    """Returns initial states of n worlds with tool poses (n, 3) and (n, 4).
+    """Returns initial states of n worlds with the tool poses (n, 3) and (n, 4).
 
-    For a movable base, ``base_search`` chooses the best of ``base_search.CANDIDATES`` poses: the tool should also reach
-    the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the candidates. For a fixed base
-    they determine the restarts of the inverse kinematics if the seed pose does not lead to a solution. The first joint
-    of ``planning_chain`` shifts the initial position of a driving base.
+    With a movable base, ``base_search`` selects the best of ``base_search.CANDIDATES`` base poses. From this pose the
+    tool should also reach the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the
+    candidates. With a fixed base they determine the restarts of the inverse kinematics. A driving base is shifted by
+    the first joint of ``planning_chain``.
 
-    With ``along_goals``, the tool moves from goal to goal. The motion is rehearsed from several initial states, and the
-    one with the lowest cost is chosen, see ``rehearsal``. With self-collision, the ways from the start to each goal are
-    rehearsed otherwise.
+    With ``along_goals``, the tool will move from goal to goal. This motion is rehearsed from several initial states,
+    and the one with the lowest cost is selected, see ``rehearsal``. With self-collision, the paths from the start to
+    each goal are rehearsed instead.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
@@ -184,7 +186,7 @@ def find_start(
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
-    """Returns the candidates. A base that would overlap the furniture is moved away from the person."""
+    """Returns the candidates. Bases that would overlap the furniture are moved away from the person."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
     nearest = furniture_edge_m(scene.posture) - scene.robot.half_width_m * turned

@@ -1,4 +1,4 @@
-"""Checks a robot's placement: whether initial states without collision are found."""
+"""Checks whether initial states without collision are found for a robot."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -22,18 +22,20 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.settings import DEFAULTS, Settings
 
 MAX_MEAN_DRAWS = 2.0
-"""Maximum mean number of samples until an initial state is valid: half of the samples may be rejected."""
+"""Maximum mean number of sampled initial states until one is valid: half of the samples may be rejected."""
 PEOPLE, STARTS = "revised", 32
-"""Population and number of initial states of a robot check."""
+"""Population of a robot check, and its number of initial states."""
 BODY_STARTS = 4
-"""Number of initial states for each combination of body model and torso height."""
+"""Number of initial states for each combination of sex and torso height."""
 ARM_BATCH_SIZE = 50
 
 
 @dataclass(frozen=True)
 class StartDrawStatistics:
-    """Number of samples until an initial state has no collision: mean and maximum. ``failure``: error message, if
-    any."""
+    """Mean and maximum number of sampled initial states until one has no collision.
+
+    ``failure`` is an error message, empty without an error.
+    """
 
     mean: float
     maximum: int
@@ -41,12 +43,12 @@ class StartDrawStatistics:
 
     @property
     def fault(self) -> str:
-        """Description of the error; empty without an error."""
+        """Error message; empty if there is no error."""
         return self.failure or describe_excess_draws(self.mean, self.maximum)
 
 
 def describe_excess_draws(mean: float, maximum: int) -> str:
-    """Returns an error message if initial states need too many samples, otherwise an empty text."""
+    """Returns an error message if too many initial states were sampled, otherwise an empty string."""
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
@@ -57,7 +59,7 @@ def describe_excess_draws(mean: float, maximum: int) -> str:
 
 
 def draw_starts(episodes: Episodes) -> StartDrawStatistics:
-    """Reset each world with its index as seed. Returns statistics of the numbers of samples."""
+    """Reset each world, with its index as seed. Returns statistics of the numbers of sampled initial states."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode_generator(world) for world in worlds.tolist()])
@@ -72,8 +74,10 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
 def draws_by_body(
     environment_id: str, settings: Settings = DEFAULTS
 ) -> tuple[tuple[Person, StartDrawStatistics], ...]:
-    """Sample initial states next to people at rest: both body models, with the smallest and the largest torso height.
-    Returns each person and the statistics of the samples."""
+    """Sample initial states next to people at rest: both sexes, with the smallest and the largest torso height.
+
+    Returns each person with the statistics of the numbers of samples.
+    """
     episodes = Episodes(
         environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1, settings=settings
     )
@@ -88,13 +92,13 @@ def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDrawStatistics
 
 
 def check_starts(environment_id: str) -> StartDrawStatistics:
-    """Sample initial states next to random people and next to each body.
+    """Sample initial states next to random people, then next to the people of ``draws_by_body``.
 
     Returns:
-        Number of samples next to random people.
+        Statistics of the numbers of samples next to random people.
 
     Raises:
-        ValueError: if the mean exceeds ``MAX_MEAN_DRAWS``, or a body has no valid initial state.
+        ValueError: if the mean exceeds ``MAX_MEAN_DRAWS``, or if no valid initial state is found for a person.
     """
     drawn = draw_starts(Episodes(environment_id, STARTS, people=PEOPLE, num_threads=1))
     faults = [
@@ -109,7 +113,7 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
     """Run ``check_starts`` for each environment of a robot. Returns the results by environment.
 
     Raises:
-        ValueError: for the first environment that fails, and for a robot without environments.
+        ValueError: if an environment fails, or if the robot has no environments.
     """
     own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
     if not own:
@@ -120,10 +124,9 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
 
 
 def is_collision_free(task: str, robot: Robot, joint_positions: FloatArray) -> BoolArray:
-    """Boolean mask (n,): poses (n, J) of a robot's arm without contact with person and furniture. The base is at its
-    mount.
+    """Returns a boolean mask (n,): arm poses (n, J) without contact with person and furniture.
 
-    The person is in the task's rest pose, in both body models of mean height.
+    The base is at its mount. The person has mean height and the rest pose of the task. Both sexes are checked.
     """
     if not len(joint_positions):
         return np.zeros(0, bool)

@@ -1,4 +1,4 @@
-"""Registry of tasks and environments: every task with every robot that can hold the task's tool.
+"""Registry of tasks and environments. An environment is a task with a robot that can hold the task's tool.
 
 Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
@@ -37,7 +37,7 @@ class Registry:
         self.broken: list[plugins.SkippedPlugin] = []
 
     def add(self, task: Task) -> None:
-        """Register a task with all suitable robots. Robots for which the task's scene or observation fails are skipped.
+        """Register a task with all suitable robots. A robot is skipped if the task's scene or observation fails.
 
         Raises:
             ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.
@@ -78,13 +78,13 @@ def _build_registry() -> Registry:
 _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
-"""Task and robot names by environment id."""
+"""Names of task and robot by environment id."""
 SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
-"""Error messages of skipped plug-ins: of tasks, and of environments of a task with a robot."""
+"""Error messages of skipped plug-ins: of tasks, and of single environments."""
 
 
 def find_environment(environment_id: str) -> tuple[str, str]:
-    """Returns the task and robot names of an environment id.
+    """Returns the names of task and robot of an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.
@@ -115,7 +115,7 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
     """Returns task and scene of an environment with settings.
 
     Raises:
-        ValueError: for an unknown id, listing the ids, and for settings that are not possible in this environment.
+        ValueError: for an unknown id (the message lists the ids), and for settings that this environment does not have.
     """
     name, robot = find_environment(environment_id)
     if settings == DEFAULTS:
@@ -125,8 +125,10 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[
 
 @lru_cache(maxsize=64)
 def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, SceneConfig]:
-    """Task and scene with settings. The same settings return the same objects, because models are cached by the
-    scene."""
+    """Returns task and scene with settings.
+
+    The same settings return the same objects, because models are cached by scene.
+    """
     task = TASKS[name].with_settings(settings)
     if settings.served_arm is not None and task.served_arm is None:
         raise ValueError(f"{name} has no setting served_arm; allowed: leave it out")
@@ -143,13 +145,13 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
 
 
 def task_goal(name: str, settings: Settings) -> str:
-    """The goal of a task with the served arm of settings."""
+    """Returns the goal of a task, for the served arm in the settings."""
     task = TASKS[name]
     return task.goal if settings.served_arm in (None, task.served_arm) else with_other_arm(task.goal)
 
 
 def observation_and_action_size(environment_id: str) -> tuple[int, int]:
-    """Returns the sizes of observation and action in an environment.
+    """Returns the lengths of observation and action in an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.

@@ -1,4 +1,4 @@
-"""Rehearsal: simulates a motion of the tool kinematically, and computes its cost from clearance and joint limits.
+"""Rehearsal: computes the cost of a planned tool motion from clearance and joint limits, without physics.
 
 Inverse kinematics follows the path of the tool in small steps, as experts do.
 """
@@ -16,18 +16,21 @@ from avrgym.tasks.robot_clearance import Clearance, self_distance_m
 STEPS, ITERATIONS = 6, 8
 """Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
 MARGIN_M, LIMIT_MARGIN_RAD = 0.02, 0.15
-"""Distance from person and furniture, and from joint limits, below which the cost of a motion increases."""
+"""Distances from person and furniture, and from joint limits, below which the cost of a motion increases."""
 BLOCK_WORLDS = 64
-"""Number of worlds that are computed together; it limits the memory."""
+"""Number of worlds that are computed together. It limits the memory."""
 ALLOWED_ERROR_M, ALLOWED_ERROR_RAD = 0.005, 0.05
 WAY_SHARES, WAY_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
-"""Shares of the way to a goal at which ``WayRehearsal`` checks the arm, and iterations of the inverse kinematics."""
+"""Positions on the path to a goal at which ``WayRehearsal`` checks the arm, from 0 to 1.
+
+Also the number of iterations of the inverse kinematics.
+"""
 POSTURES = 16
-"""Number of postures of a robot with a fixed base whose motion is rehearsed."""
+"""Number of postures of a robot with a fixed base for which the motion is rehearsed."""
 
 
 class Rehearsal:
-    """Computes the cost of a motion of the tools of n worlds, from several initial states of each world."""
+    """Computes the cost of the tool motion in n worlds, for several initial states of each world."""
 
     def __init__(
         self,
@@ -39,7 +42,7 @@ class Rehearsal:
         goal_pos_w: FloatArray,
         goal_q_w: FloatArray,
     ) -> None:
-        """Store the path from start poses, (n, 3) and (n, 4), over goals, (n, G, 3) and (n, G, 4)."""
+        """Store the path from the start poses, (n, 3) and (n, 4), through the goals, (n, G, 3) and (n, G, 4)."""
         self._scene, self._chain = scene, chain
         self._goals = goal_pos_w, goal_q_w
         self._path = _interpolated(
@@ -51,10 +54,10 @@ class Rehearsal:
     def __call__(
         self, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
     ) -> FloatArray:
-        """Costs (n, K) in metres of K initial states, see ``base_search.PathCost``.
+        """Returns the costs (n, K) in metres of K initial states, see ``base_search.PathCost``.
 
-        The cost is the sum of the largest deviation from the path, of the missing distance from person and furniture,
-        and of the missing distance from joint limits.
+        The cost is a sum of three terms: the largest deviation from the path, the missing distance from person and
+        furniture, and the missing distance from joint limits.
         """
         parts = np.array_split(np.arange(len(yaw_rad)), -(-len(yaw_rad) // BLOCK_WORLDS))
         costs = [self._cost(part, base_pos_w[part], yaw_rad[part], joint_positions[part]) for part in parts]
@@ -63,7 +66,7 @@ class Rehearsal:
     def _cost(
         self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
     ) -> FloatArray:
-        """Costs of the initial states of some worlds (n,)."""
+        """Returns the costs (n, K) of the initial states in some worlds (n,)."""
         count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
         world: IntArray = np.repeat(worlds, each)
         base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
@@ -94,9 +97,10 @@ class Rehearsal:
     def best_posture(
         self, base_pos_w: FloatArray, yaw_rad: float, joint_positions: FloatArray, uniforms: FloatArray
     ) -> FloatArray:
-        """Returns the joint positions (n, J) of the tool's start pose with the lowest cost.
+        """Returns the joint positions (n, J) with the lowest cost at the tool's start pose.
 
-        The first candidate is the given one (n, J). Inverse kinematics from random poses around it finds the others.
+        The first candidate is ``joint_positions`` (n, J). Inverse kinematics from random poses around it finds the
+        others.
         """
         count, joints = int(joint_positions.shape[0]), int(joint_positions.shape[1])
         shares = uniforms[:, : (POSTURES - 1) * joints].reshape(count, -1, joints)
@@ -114,16 +118,18 @@ class Rehearsal:
 
 
 class WayRehearsal(Rehearsal):
-    """Computes the cost of the ways from the start to each goal: whether links collide with each other or with
-    furniture."""
+    """Computes the cost of the paths from the start to each goal.
+
+    The cost is positive if links are close to each other or to furniture.
+    """
 
     def _cost(
         self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
     ) -> FloatArray:
-        """Missing distance (n, K) from ``MARGIN_M`` of the worst of a few configurations on the ways.
+        """Returns the missing distance (n, K) from ``MARGIN_M`` of the worst configuration on the paths.
 
-        The configurations are interpolated between the joint positions at start and goal. Goals out of reach do not
-        count.
+        A few configurations are checked. They are interpolated between the joint positions at start and goal. Goals out
+        of reach are ignored.
         """
         count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
         world: IntArray = np.repeat(worlds, each)
@@ -149,7 +155,8 @@ class WayRehearsal(Rehearsal):
 
 
 def _interpolated(pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns poses on the lines between P poses, (n, P, 3) and (n, P, 4): (W, n, 3) and (W, n, 4)."""
+    """Returns poses on the lines between P poses, (n, P, 3) and (n, P, 4), with the step axis W first: (W, n, 3) and
+    (W, n, 4)."""
     way = pos_w[:, 1:] - pos_w[:, :-1]
     turn = transforms.to_rotation_vector(transforms.multiply(q_w[:, 1:], transforms.conjugate(q_w[:, :-1])))
     found_pos, found_q = [pos_w[:, 0]], [q_w[:, 0]]

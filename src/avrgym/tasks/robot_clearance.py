@@ -1,4 +1,4 @@
-"""Distance of the moving arm from person and furniture, for many arm poses."""
+"""Distance of the robot's moving arm from person and furniture, for many arm poses."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,9 +22,9 @@ class ArmShape:
     """Capsules of arm, hand and tool.
 
     Attributes:
-        links: chains from the robot's base to each moving body, in joint order.
-        link: link of each capsule (C,).
-        ends: axis ends in the link frame (C, 2, 3).
+        links: kinematic chains from the robot's base to each moving body, in joint order.
+        link: index of each capsule's link (C,).
+        ends: ends of each capsule's axis in the link frame (C, 2, 3).
         radius_m: radii (C,).
         is_tool: whether a capsule belongs to the tool (C,).
     """
@@ -55,10 +55,10 @@ def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
 
 @dataclass(frozen=True, eq=False)
 class SelfShape:
-    """Capsules of a whole robot, and pairs of them that may collide.
+    """Capsules of a whole robot, and pairs of capsules that may collide.
 
-    ``arm`` contains all capsules; the ``link`` of parts that do not move is −1, and their ends are in the frame of the
-    base. ``pairs`` (P, 2) are indices of capsules.
+    ``arm`` contains all capsules. If a part does not move, the ``link`` of its capsules is −1, and their ends are in
+    the frame of the base. ``pairs`` (P, 2) are indices of capsules.
     """
 
     arm: ArmShape
@@ -67,8 +67,10 @@ class SelfShape:
 
 @cache
 def self_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfShape:
-    """Capsules and pairs of a scene's robot. Pairs whose capsules overlap at the seed pose are left out: the capsules
-    are larger than the links."""
+    """Returns the capsules of a scene's robot, and the pairs of capsules that may collide.
+
+    Capsules are larger than the links. Pairs whose capsules overlap at the seed pose are therefore excluded.
+    """
     capsules_of = _robot_capsules(scene)
     links = tuple(_part(chain, count) for count in range(1, len(chain.lower) + 1))
     arm = ArmShape(
@@ -92,12 +94,12 @@ def self_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfShape:
 
 
 def self_distance_m(scene: SceneConfig, chain: kinematics.Chain, joint_positions: FloatArray) -> FloatArray:
-    """Smallest distance (N,) in metres between links of the robot that may collide, at joint positions (N, J)."""
+    """Returns the smallest distance (N,) in metres between links that may collide, at joint positions (N, J)."""
     return _pair_gaps_m(self_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
 
 
 def _pair_gaps_m(shape: SelfShape, joint_positions: FloatArray) -> FloatArray:
-    """Distances (N, P) in metres of the pairs, at joint positions (N, J)."""
+    """Returns the distances (N, P) in metres between the capsules of each pair, at joint positions (N, J)."""
     ends = _link_ends(shape.arm, joint_positions)
     one, other = shape.pairs.T
     apart = capsules.segment_distance(ends[:, one, 0], ends[:, one, 1], ends[:, other, 0], ends[:, other, 1])
@@ -105,7 +107,7 @@ def _pair_gaps_m(shape: SelfShape, joint_positions: FloatArray) -> FloatArray:
 
 
 def _link_ends(shape: ArmShape, joint_positions: FloatArray) -> FloatArray:
-    """Capsule ends (N, C, 2, 3) at joint positions (N, J), in the frame of the base."""
+    """Returns the ends (N, C, 2, 3) of capsule axes at joint positions (N, J), in the frame of the base."""
     ends = np.tile(shape.ends, (len(joint_positions), 1, 1, 1))
     for number, chain in enumerate(shape.links):
         on_link = np.nonzero(shape.link == number)[0]
@@ -115,8 +117,11 @@ def _link_ends(shape: ArmShape, joint_positions: FloatArray) -> FloatArray:
 
 
 class _Capsule(NamedTuple):
-    """A capsule around a collision geom: name of its body, index of the moving link or −1, axis ends (2, 3) in the
-    frame of link or base, and radius."""
+    """A capsule around a collision geom.
+
+    ``body`` is the name of its body, ``link`` the index of the moving link or −1. ``ends`` (2, 3) are the ends of its
+    axis in the frame of link or base.
+    """
 
     body: str
     link: int
@@ -125,7 +130,7 @@ class _Capsule(NamedTuple):
 
 
 def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
-    """Capsules around the collision geoms of the robot and its tool."""
+    """Returns capsules around the collision geoms of the robot and its tool."""
     model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -149,7 +154,7 @@ def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
 
 @cache
 def furniture_boxes(scene: SceneConfig) -> Boxes:
-    """Boxes around the collision geoms of the furniture, without movable bodies, in the scene's frame."""
+    """Returns boxes around the collision geoms of the furniture, in the scene's frame. Movable bodies are excluded."""
     spec = mujoco.MjSpec()
     for add in scene.furniture:
         add(spec, False)
@@ -181,7 +186,7 @@ class Clearance:
     def min_distance_m(
         self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
     ) -> FloatArray:
-        """Returns the smallest distance (N, M) in metres from person or furniture, negative for an overlap.
+        """Returns the smallest distance (N, M) in metres from person or furniture; negative for an overlap.
 
         Args:
             joint_positions: M arm poses (N, M, J), joints of ``placement.planning_chain``.
@@ -200,7 +205,10 @@ class Clearance:
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
     def furniture_distance_m(self, joint_positions: FloatArray) -> FloatArray:
-        """Smallest distance (N,) in metres of arm and hand, without tool, from furniture at joint positions (N, J)."""
+        """Returns the smallest distance (N,) in metres from furniture, at joint positions (N, J).
+
+        Arm and hand are included, the tool is not.
+        """
         counts = np.nonzero(~self._shape.is_tool)[0]
         start, end = np.moveaxis(self._ends_w(joint_positions[:, None])[:, :, counts, None], -2, 0)
         boxes = self._boxes
@@ -208,14 +216,14 @@ class Clearance:
         return (to_boxes.min(axis=-1) - self._shape.radius_m[counts]).min(axis=-1)[:, 0]
 
     def _ends_w(self, joint_positions: FloatArray) -> FloatArray:
-        """Capsule ends (N, M, C, 2, 3) of the arm; world frame."""
+        """Returns the ends (N, M, C, 2, 3) of the arm's capsule axes in the world frame."""
         worlds, poses, joints = joint_positions.shape
         ends = _link_ends(self._shape, joint_positions.reshape(-1, joints)).reshape(worlds, poses, -1, 2, 3)
         return self._base_pos_w + transforms.rotate(self._base_q_w, ends)
 
 
 def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
-    """Index of the moving body that carries ``body``, if any."""
+    """Returns the index of the moving body to which ``body`` belongs, or ``None``."""
     while body not in bodies:
         if body == 0:
             return None
@@ -224,7 +232,7 @@ def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
 
 
 def _capsule(kind: int, size: FloatArray) -> tuple[FloatArray, float]:
-    """Half axis (3,) and radius of a capsule around a geom."""
+    """Returns the half axis (3,) and the radius of a capsule around a geom."""
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.zeros(3), float(size[0])
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
@@ -234,7 +242,7 @@ def _capsule(kind: int, size: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
-    """The first ``count`` joints of a chain. Its tip is the body of the last joint."""
+    """Returns the chain of the first ``count`` joints. Its tip is the body of the last joint."""
     return replace(
         chain,
         pos=chain.pos[:count],

@@ -1,4 +1,4 @@
-"""Scenes with settings: other furniture, another base of the robot, another served arm."""
+"""Applies settings to a scene: other furniture, another base pose of the robot, the person's other arm."""
 
 import inspect
 import math
@@ -18,7 +18,8 @@ from avrgym.tasks.settings import Settings
 def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: bool) -> SceneConfig:
     """Returns the scene with the settings.
 
-    ``mirrored``: the robot works on the person's other arm, from the other side, with its other arm if it has two.
+    ``mirrored``: the robot works on the person's other arm, from the other side. A robot with two arms uses its other
+    arm.
 
     Raises:
         ValueError: for settings of furniture that the scene does not have.
@@ -58,25 +59,25 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
 _KEYWORDS = {
     "table_offset_m": "offset_m", "seat_height_m": "rise_m", "bed_height_m": "rise_m", "backrest_deg": "backrest_deg"
 }  # fmt: skip
-"""Settings of furniture, and the keyword of the function that adds the furniture."""
+"""By setting of furniture: the keyword argument of the function that adds the furniture."""
 
 
 def has_furniture(scene: SceneConfig, setting: str) -> bool:
-    """Whether the scene has the furniture of a setting."""
+    """Returns whether the scene has the furniture to which a setting applies."""
     if setting in ("seat_height_m", "bed_height_m") and scene.posture.seated != (setting == "seat_height_m"):
         return False
     return any(_takes(add, _KEYWORDS[setting]) for add in scene.furniture)
 
 
 def _rise_m(scene: SceneConfig, settings: Settings) -> float | None:
-    """Height of seat or bed above its usual height; ``None`` without the setting."""
+    """Returns the height of seat or bed above its default height; ``None`` without this setting."""
     if scene.posture.seated:
         return None if settings.seat_height_m is None else settings.seat_height_m - SEAT_HEIGHT_M
     return None if settings.bed_height_m is None else settings.bed_height_m - MATTRESS_TOP_M
 
 
 def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> SceneConfig:
-    """Returns the scene with the posture of the settings, and with its ``task_scene`` if the task has another frame."""
+    """Returns the scene with the posture of the settings. If the task's frame differs, it also has a ``task_scene``."""
     posture = scene.posture
     if settings.backrest_deg is not None:
         posture = replace(posture, hips_deg=settings.backrest_deg - 90.0, thigh_deg=-settings.backrest_deg)
@@ -87,7 +88,7 @@ def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> Scene
 
 
 def _mount(mount: Mount, settings: Settings, *, mirrored: bool, rise_m: float) -> Mount:
-    """The mount with the settings. A mount on the wheelchair rises with the seat."""
+    """Returns the mount with the settings. A mount on the wheelchair rises with the seat."""
     if mirrored:
         mount = mount.mirrored()
     carrier = mount.carrier
@@ -105,7 +106,7 @@ def _mount(mount: Mount, settings: Settings, *, mirrored: bool, rise_m: float) -
 
 
 def _other_arm(robot: Robot, arm: Arm) -> Arm:
-    """The other arm of a robot with two arms; otherwise the same arm."""
+    """Returns the other arm of a robot with two arms; otherwise the same arm."""
     others = [robot.arms[side] for side in SIDES if side in robot.arms]
     return next((other for other in others if other.joints != arm.joints), arm)
 
@@ -115,6 +116,6 @@ def _takes(add: Furniture, keyword: str) -> bool:
 
 
 def _with(add: Furniture, given: dict[str, Any]) -> Furniture:
-    """The furniture with those of the keyword arguments that it takes."""
+    """Returns the furniture function with the keyword arguments that it accepts."""
     taken = {name: value for name, value in given.items() if _takes(add, name)}
     return partial(add, **taken) if taken else add

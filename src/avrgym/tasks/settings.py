@@ -1,6 +1,6 @@
 """Settings of an environment: parameters of its scene and control.
 
-Environments, commands, ``study.toml`` and recordings use the same record. The default settings change nothing.
+Environments, commands, ``study.toml`` and recordings use the same class. The default settings change nothing.
 """
 
 import tomllib
@@ -14,9 +14,9 @@ from msgspec import Meta
 from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
-"""Settings that not every task has."""
+"""Settings that only some tasks have."""
 PERSON_SETTINGS = ("torso_height_m", "range_share")
-"""Settings of randomly sampled people. These settings have no effect on a fixed person or a participant."""
+"""Settings of randomly sampled people. They have no effect on a fixed person or a participant."""
 MAX_TABLE_OFFSET_M, MAX_ROBOT_DISTANCE_M = (0.4, 0.4, 0.2), 4.0
 LIMITS: Mapping[str, tuple[float, float]] = {
     "body_mass_kg": (30.0, 200.0),
@@ -25,13 +25,14 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "bed_height_m": (0.45, 0.75),
     "backrest_deg": (40.0, 75.0),
 }
-"""Lowest and highest value of settings that are one number."""
+"""Minimum and maximum of settings that are one number."""
 CONTROL_RATES_HZ = (5, 10, 20, 50)
-"""These rates are multiples or divisors of the people's action rate, and divisors of the physics rate."""
+"""Allowed control rates. Each is a multiple or divisor of the people's action rate, and a divisor of the physics rate.
+"""
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The settings of an environment; with ``None``, the value of the task or robot applies.
+    """The settings of an environment. ``None``: the value of the task or robot applies.
 
     Raises:
         ValueError: for a value that is not allowed. The message contains the allowed values.
@@ -117,7 +118,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Settings that differ from the defaults: plain values by name."""
+        """Settings that differ from the defaults, as plain values by name."""
         return msgspec.to_builtins(self)
 
     def __str__(self) -> str:
@@ -132,7 +133,7 @@ def _refusal(name: str, value: object, allowed: str) -> ValueError:
 
 
 def as_settings(values: Mapping[str, Any]) -> Settings:
-    """Returns settings from plain values by name.
+    """Returns the settings, given plain values by name.
 
     Raises:
         ValueError: for an unknown name or a value that is not allowed.
@@ -147,10 +148,10 @@ def as_settings(values: Mapping[str, Any]) -> Settings:
 
 
 def parse_settings(lines: Sequence[str]) -> Settings:
-    """Returns settings from texts ``name=value``. A value is a number, a word, or a list as in TOML.
+    """Returns the settings, given strings ``name=value``. A value is a number, a word, or a TOML list.
 
     Raises:
-        ValueError: for a text without this form, an unknown name, or a value that is not allowed.
+        ValueError: for a string without this form, an unknown name, or a value that is not allowed.
     """
     values: dict[str, Any] = {}
     for line in lines:

@@ -1,4 +1,4 @@
-"""The task record: functions and data that training, live VR and replay share."""
+"""``Task``: the functions and data of a task. Training, live VR and replay share them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,11 +22,11 @@ from avrgym.tasks.observation import Observation
 from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
 TaskState = Any
-"""State of a task in N worlds during an episode: a dataclass of arrays, world axis first."""
+"""State of a task in N worlds during an episode: a dataclass of arrays. The first axis is the world."""
 
 
 class EpisodeStart(msgspec.Struct, frozen=True):
-    """The initial state of an episode, without its person, in plain numbers. Recordings store it."""
+    """The initial state of an episode as plain numbers, without the person. Recordings store it."""
 
     robot_pos_w: Annotated[list[float], Meta(description="Position of the robot's base, m.")]
     robot_q_w: Annotated[list[float], Meta(description="Orientation of the robot's base: w, x, y, z.")]
@@ -45,11 +45,11 @@ class StepResult:
 
     Attributes:
         task_state: the new state of the task.
-        terms: unweighted reward terms, (N,) each, with the names of ``Task.weights``.
+        terms: unweighted reward terms by name, (N,) each. The names are those of ``Task.weights``.
         distance_m: distance of the tool from its goal (N,).
         force_on_person_n: contact force of robot and tool on the person (N,).
         success: whether the task has succeeded up to this step (N,).
-        events: number of events with a chime, such as a bite (N,).
+        events: number of events, such as bites, in this step (N,). Each event plays a sound in VR.
         gone: mask (N, K) of particles to remove; K is 0 for tools without particles.
     """
 
@@ -92,7 +92,11 @@ Expert = Callable[[RunningEpisodes], Controller]
 
 
 class View(NamedTuple):
-    """A camera view: target point (3,) in the world frame, distance, and angles."""
+    """A camera view.
+
+    ``look_at_w`` (3,) is the target point in the world frame, ``distance_m`` its distance from the camera. The angles
+    are those of MuJoCo's free camera.
+    """
 
     look_at_w: tuple[float, float, float]
     distance_m: float
@@ -101,7 +105,7 @@ class View(NamedTuple):
 
     @property
     def camera_pos_w(self) -> FloatArray:
-        """Position of the camera (3,), world frame. The angles are those of MuJoCo's free camera."""
+        """Position (3,) of the camera in the world frame."""
         azimuth, elevation = np.radians([self.azimuth_deg, self.elevation_deg])
         across = np.cos(elevation)
         forward = np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
@@ -109,27 +113,26 @@ class View(NamedTuple):
 
 
 WHEELCHAIR_SIDE_VIEW = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
-"""The view of a robot on the floor that brings a tool to the mouth of a person in the wheelchair."""
+"""View of a robot on the floor that brings a tool to the mouth of a person in a wheelchair."""
 
 
 class Views(NamedTuple):
-    """Views of a mounted robot and of a robot on the floor. In these views, neither the arm nor the person hides the
-    task."""
+    """Camera views of a mounted robot and of a robot on the floor. Neither the arm nor the person hides the task."""
 
     mounted: View
     on_floor: View
 
     def of_mount(self, mount: Mount) -> View:
-        """Returns the view of a robot with this mount."""
+        """Returns the view for a robot with this mount."""
         return self.on_floor if mount.on_floor else self.mounted
 
 
 @dataclass(frozen=True)
 class Marks:
-    """Marks that a task draws on the person's arm.
+    """Markers that a task draws on the person's arm, such as an itch.
 
-    ``places(arms, task_state)`` returns positions (N, ``count``, 3) in the world frame, in metres. Hidden marks are
-    below the floor.
+    ``count`` is their number in each world. ``places(arms, task_state)`` returns their positions (N, ``count``, 3) in
+    the world frame, in metres. The positions of hidden markers are below the floor.
     """
 
     count: int
@@ -140,38 +143,40 @@ class Marks:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task. All functions take and return arrays of any array library, world axis first.
+    """A task. Its functions take and return arrays of any array library. The first axis is the world.
 
     Attributes:
-        name: an ASCII identifier; environments are called ``avrgym/{name}{robot}-v1``.
-        goal: the task in one sentence for participants; it does not describe how the robot does it (paper, section V).
+        name: an ASCII identifier; environment ids are ``avrgym/{name}{robot}-v1``.
+        goal: the task in one sentence for participants. It does not describe the motion of the robot (paper, section
+            V).
         pose: initial pose of the person.
-        offered: body part that cooperating people bring to the tool.
+        offered: body part that cooperating people move towards the tool.
         strength_share: share of their strength with which people hold their pose. With a small share the robot can move
-            their joints. It may also be a share for each joint by name; joints that are not listed have full strength.
-            ``None``: people who do not move are rigid.
+            their joints. A mapping contains a share for each joint by name; joints that are not listed have full
+            strength. ``None``: people who do not move are rigid.
         scene: returns the scene for a robot; called once for each robot.
-        num_uniforms: number of uniform numbers of ``start``.
-        start: returns initial states, from the scene, the people and uniform numbers (n, ``num_uniforms``).
-        init_state: returns the initial task state, from the people and the same numbers.
-        observation: returns the observation of a scene.
+        num_uniforms: number of uniform random numbers that ``start`` needs for each world.
+        start: returns initial states, from the scene, the people and uniform random numbers (n, ``num_uniforms``).
+        init_state: returns the initial task state, from the people and the same random numbers.
+        observation: returns the observation for a scene.
         weights: weight of each reward term; the reward is the weighted sum.
-        evaluate_step: returns rewards and success, from the state after the step, the action (N, A) and the previous
-            task state.
-        expert: plans with the full state; shows that the task is feasible (``--policy oracle``).
-        feedback_expert: a smooth function of the present state, without memory; training imitates it.
-        views: camera views for pictures.
+        evaluate_step: returns reward terms and success. Arguments: the state after the step, the action (N, A), and the
+            previous task state.
+        expert: expert that plans with the full state. It shows that the task is feasible (``--policy oracle``).
+        feedback_expert: expert without memory: its action is a smooth function of the present state. Training imitates
+            it.
+        views: camera views for images.
         hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.
-        memory_expert: may use memory; recurrent policies imitate it instead of ``feedback_expert``.
-        detour_m: extra length (N,) of the path of tool and hand compared with the straight path; used by
-            the hyperparameter ``detour_weight_per_m``.
-        marks: marks on the person.
-        withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
-            ``withdraw_after_success``.
-        variant: returns the task with the tool, particles and table of settings; ``None``: the task has no such
+        memory_expert: expert with memory. Recurrent policies imitate it instead of ``feedback_expert``.
+        detour_m: returns the extra length (N,) of the path of tool and hand, compared with the straight path. The
+            hyperparameter ``detour_weight_per_m`` needs it.
+        marks: markers on the person.
+        withdraws_after_success: whether the robot withdraws its tool after success. This also needs the option
+            ``withdraw_after_success`` of the episode or session.
+        variant: returns the task with the tool, particles and table of settings. ``None``: the task has no such
             settings.
-        tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of one
-            is lost, the attempt ends.
+        tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of a
+            part is lost, the attempt ends.
 
     Raises:
         TypeError: if a field is missing or has a wrong type.
@@ -304,7 +309,7 @@ _FUNCTIONS = (
 
 
 def joint_strength_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
-    """Returns the share of strength of each joint (20,), from ``Task.strength_share``."""
+    """Returns the strength share of each joint (20,), from ``Task.strength_share``."""
     if isinstance(strength_share, Mapping):
         return np.array([strength_share.get(name, 1.0) for name in JOINTS])
     return np.full(len(JOINTS), strength_share)
@@ -323,7 +328,7 @@ def state_arrays(task_state: object) -> dict[str, NumpyArray]:
 
 
 def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
-    """Returns a copy of the state ``old`` of N worlds, with the state ``new`` in the worlds ``ids`` (n,)."""
+    """Returns a copy of the state ``old`` of N worlds. The worlds ``ids`` (n,) have the state ``new``."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
         array[ids] = to_device_of(getattr(new, name), array)

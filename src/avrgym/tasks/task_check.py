@@ -1,4 +1,4 @@
-"""Checks a task by running a few steps with every robot."""
+"""Checks a task: runs a few steps with every robot and every expert."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def check_task(name: str) -> None:
     Initial states are checked by ``tasks.placement_check.check_starts``.
 
     Raises:
-        ValueError: for an unknown task, or with the first error of the task.
+        ValueError: for an unknown task, or for the first error of the task.
     """
     if name not in TASKS:
         raise ValueError(f"unknown task {name!r}; allowed: {', '.join(TASKS)}")
@@ -43,7 +43,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
-    """Observations (T, N, O) of episodes with an expert."""
+    """Run a few steps with an expert. Returns the observations (T, N, O)."""
     episodes.reset(np.arange(WORLDS), [random_streams.episode_generator(seed) for seed in range(WORLDS)])
     steps = [episodes.evaluate_state()]
     controller = expert(episodes)

@@ -1,7 +1,7 @@
-"""A task in a scene with another served arm, or another height of seat or bed.
+"""Tasks for the other arm of the person, or for another height of seat or bed.
 
-The functions of the task compute in the task's frame, see ``models.task_frame``. Wrappers convert their arguments from
-the world frame and their results to it. A task therefore needs no code for the other arm.
+The functions of a task compute in the task's frame, see ``models.task_frame``. Wrappers convert arguments from the
+world frame to the task's frame, and results back. A task therefore needs no code for the other arm.
 """
 
 from collections.abc import Callable, Mapping
@@ -46,9 +46,9 @@ _BASE_SIGNS = np.array([1.0, -1.0, -1.0])
 
 
 def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
-    """Returns the task in a scene whose ``task_scene`` has this frame.
+    """Returns the task for a scene whose ``task_scene`` has this frame.
 
-    ``mirror_axis`` is the axis across the tool's plane of symmetry.
+    ``mirror_axis`` is the axis of the tool's frame that is normal to the tool's plane of symmetry.
     """
     wrapped = _Wrapped(task, frame, mirror_axis)
     changed = replace(
@@ -78,7 +78,7 @@ def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
 
 
 def with_other_arm(goal: str) -> str:
-    """Returns a task's goal for the other arm."""
+    """Returns the goal of a task with the words ``left arm`` and ``right arm`` exchanged."""
     for side, other in (("right", "left"), ("left", "right")):
         if f"{side} arm" in goal:
             return goal.replace(f"{side} arm", f"{other} arm")
@@ -92,7 +92,7 @@ def _other_side(strength_share: float | Mapping[str, float] | None) -> float | M
 
 
 def state_in_frame(state: State, frame: TaskFrame, mirror_axis: int) -> State:
-    """Returns a state of the world frame in the task's frame."""
+    """Returns a state, converted from the world frame to the task's frame."""
     if not (frame.mirrored or frame.rise_m):
         return state
     changed: dict[str, Any] = {name: frame.points(getattr(state, name)) for name in _POINTS}
@@ -126,7 +126,10 @@ def _base_displacement(displacement: FloatArray, frame: TaskFrame) -> FloatArray
 
 @dataclass(eq=False)
 class _Wrapped:
-    """The functions of a task, called in its frame. The latest state is converted once."""
+    """The functions of a task, with arguments and results in the world frame.
+
+    The converted state is cached: several functions use the same state.
+    """
 
     task: Task
     frame: TaskFrame
@@ -134,7 +137,7 @@ class _Wrapped:
     _latest: tuple[State, State] | None = None
 
     def state(self, state: State) -> State:
-        """The state in the task's frame."""
+        """Returns the state in the task's frame."""
         latest = self._latest
         if latest is None or latest[0] is not state:
             latest = self._latest = state, state_in_frame(state, self.frame, self.mirror_axis)
@@ -197,7 +200,7 @@ def _camera(view: View, frame: TaskFrame) -> View:
 
 
 class _SimulationInFrame:
-    """The part of ``Simulation`` that experts use, in the task's frame."""
+    """The part of ``Simulation`` that experts use, converted to the task's frame."""
 
     def __init__(self, simulation: Simulation, frame: TaskFrame) -> None:
         self._simulation, self._frame = simulation, frame

@@ -1,4 +1,4 @@
-"""The people of N worlds: sampled from populations; moved by behaviour models, trained policies or human actions."""
+"""The people of N worlds, sampled from populations. Behaviour models, trained policies or human actions move them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,18 +29,20 @@ from avrgym.tasks.task import replace_worlds
 from avrgym.tasks.task_in_frame import state_in_frame
 
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
-"""Uniform random numbers for each person: for the body, the impairment and the behaviour."""
+"""Number of uniform random numbers for each person: for the body, the impairment and the behaviour."""
 _POPULATION, _EXPLORATION = 2, 3
-"""Indices of two of the behaviour's uniform numbers: one chooses the population, one seeds the exploration noise of a
-trained human."""
+"""Indices of two uniform random numbers of the behaviour.
+
+One selects the population. The other is the seed of the exploration noise of a trained human.
+"""
 
 
 def environment_populations(name_or_path: str, environment_id: str) -> tuple[Population, ...]:
     """Returns the populations for a value of ``--people`` in an environment.
 
     Raises:
-        ValueError: for unknown people (the message lists the allowed names); for a damaged file; for humans that were
-            trained for another environment or whose network has a wrong size.
+        ValueError: for an unknown name (the message lists the allowed names), or for a damaged file. Also for humans
+            that were trained for another environment, or whose network has a wrong size.
     """
     populations = find_populations(name_or_path, TASKS)
     for population in populations:
@@ -65,9 +67,12 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
 class WorldPeople:
     """The people of N worlds. ``people`` are their bodies, on the host.
 
-    ``trained`` are the trained policies that move people, if any. ``move``: whether people move during episodes.
-    ``smooth``: whether their joint targets change every 10 ms. ``glide``: whether joint targets that change every 0.1 s
-    are interpolated. ``extra_clearance_m`` is the additional clearance that their motion needs.
+    Attributes:
+        trained: the trained policies that move people, if any.
+        move: whether people move during episodes.
+        smooth: whether their joint targets change every 10 ms.
+        glide: whether joint targets that change every 0.1 s are interpolated.
+        extra_clearance_m: additional clearance that their motion needs.
     """
 
     def __init__(
@@ -97,8 +102,8 @@ class WorldPeople:
             settings: heights and joint ranges of sampled people.
 
         Raises:
-            ValueError: for unknown names, for populations that do not fit the environment, and for settings of drawn
-                people with a fixed person.
+            ValueError: for unknown names, or for populations that do not fit the environment. Also for settings of
+                sampled people together with a fixed person.
         """
         given = [name for name in PERSON_SETTINGS if name in settings.changed]
         if given and person is not None:
@@ -150,11 +155,11 @@ class WorldPeople:
 
     @property
     def spread_arm(self) -> bool:
-        """Whether the initial arm pose of these people is random."""
+        """Whether the initial pose of these people's arm is random."""
         return self.person is None and any(self._pose(each).has_random_arm for each in self._populations)
 
     def place(self, example_array: Any) -> None:
-        """Create the people, and their behaviour model on the device of the array ``example_array``."""
+        """Create the people, and their behaviour model on the device of ``example_array``."""
         self._exemplar = example_array
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
         self._signs = self._motion = None
@@ -186,7 +191,7 @@ class WorldPeople:
         )
 
     def reset(self, ids: IntArray, uniforms: FloatArray) -> People:
-        """Sample people for worlds ``ids`` (n,) from uniform random numbers (n, ``NUM_UNIFORMS``), and return them."""
+        """Sample people for worlds ``ids`` (n,) from uniform random numbers (n, ``NUM_UNIFORMS``). Returns the people."""
         bounds = np.cumsum([distributions.NUM_UNIFORMS, impairments.NUM_UNIFORMS])
         for_bodies, for_impairments, for_behaviour = np.split(uniforms, bounds, axis=1)
         chosen = choose_index(for_behaviour[:, _POPULATION], len(self._populations))
@@ -237,7 +242,7 @@ class WorldPeople:
         return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
 
     def _sample_signs(self, chosen: IntArray, for_impairments: FloatArray) -> MotorSigns:
-        """Sample the motor signs of n people of the populations of index ``chosen`` (n,)."""
+        """Sample the motor signs of n people. ``chosen`` (n,) are the indices of their populations."""
         signs = impaired_motion.unimpaired_signs(for_impairments[:, 1:])
         for number, population in enumerate(self._populations):
             if impairments.is_clinical(population.impairment):
@@ -251,16 +256,15 @@ class WorldPeople:
         return population.distribution.pose_for_task(self._task.name, self._task.pose)
 
     def command(self, action: FloatArray) -> None:
-        """Move the people's joint targets with actions (N, K), see ``Episodes.command_people``."""
+        """Move the people's joint targets by actions (N, K), see ``Episodes.command_people``."""
         joints = cooperation.OFFERED_JOINTS[self._task.offered]
         self._behaviour.move_targets(joints, action, self._limit)
 
     def step(self, observe: Callable[[], State]) -> tuple[FloatArray, BoolArray | None]:
-        """Returns the joint targets (N, 20) for the end of the next 0.1 s, and a mask (N,) of the worlds in which they
-        are new; ``None``: all worlds.
+        """Returns joint targets (N, 20) for the end of the next 0.1 s, and the mask (N,) of worlds with new targets.
 
-        Call this method in every control step, or every 0.1 s if control steps are longer. With ``smooth``, call
-        ``next_targets`` instead.
+        If the mask is ``None``, the targets of all worlds are new. Call this method in every control step, or every 0.1
+        s if control steps are longer. With ``smooth``, call ``next_targets`` instead.
         """
         world_mask = self._due(self._steps_per_target)
         self._steps += 1
@@ -270,8 +274,10 @@ class WorldPeople:
         return self._impaired(self._frame.joint_angles(targets), CONTROL_STEP_S, world_mask), world_mask
 
     def next_targets(self, observe: Callable[[], State], count: int) -> FloatArray:
-        """Returns the joint targets (``count``, N, 20) for the ends of the next physics steps. ``count`` divides
-        ``SUBSTEPS``; the previous counts add up to one of its multiples."""
+        """Returns the joint targets (``count``, N, 20) for the ends of the next ``count`` physics steps.
+
+        ``count`` divides ``SUBSTEPS``. The sum of all previous counts is a multiple of ``count``.
+        """
         world_mask = self._due(SUBSTEPS)
         if world_mask is None or world_mask.any():
             self._behaviour.choose_goals(self._observing(observe), self._limit_in_frame, world_mask)
@@ -282,15 +288,17 @@ class WorldPeople:
         return namespace(targets).stack([self._impaired(each, PHYSICS_STEP_S) for each in targets])
 
     def _due(self, every: int) -> BoolArray | None:
-        """Mask (N,) of worlds in which people observe and choose; ``None``: all worlds."""
+        """Returns the mask (N,) of worlds in which people observe and choose goals now; ``None``: all worlds."""
         due = self._steps % every == 0
         return None if due.all() else due
 
     def _impaired(
         self, targets_rad: FloatArray, step_s: float, world_mask: BoolArray | None = None
     ) -> FloatArray:
-        """Returns the joint targets (N, 20) that impaired people execute after ``step_s``, in the worlds ``world_mask``
-        (N,)."""
+        """Returns the joint targets (N, 20) that people with impairments execute after ``step_s``.
+
+        ``world_mask`` (N,): worlds whose motion is advanced; ``None``: all worlds.
+        """
         if self._signs is None or self._motion is None:
             return targets_rad
         motion, executed = impaired_motion.step(
@@ -305,7 +313,7 @@ class WorldPeople:
         return self._limit(executed)
 
     def _observing(self, observe: Callable[[], State]) -> Callable[[], State]:
-        """Returns the function with its result in the task's frame."""
+        """Returns the function with its result converted to the task's frame."""
         return lambda: state_in_frame(observe(), self._frame, self._mirror_axis)
 
     def _limit_in_frame(self, joint_angles_rad: FloatArray) -> FloatArray:
@@ -315,7 +323,7 @@ class WorldPeople:
         return reachable_rad(self._device_people, joint_angles_rad)
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns the whole state on which the next steps depend."""
+        """Returns the state on which the next steps depend."""
         return {
             "people": self.people,
             "behaviour": self._behaviour.snapshot(),
@@ -325,7 +333,7 @@ class WorldPeople:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restore a state from ``snapshot``."""
         self._set_people(snapshot["people"])
         self._behaviour.restore(snapshot["behaviour"])
         self._steps = snapshot["steps"].copy()

@@ -1,4 +1,4 @@
-"""Expert for arm manipulation. It uses the present state only; policies can therefore imitate it."""
+"""Expert for arm manipulation. It uses the present state only. Policies can therefore imitate it."""
 
 from functools import partial
 
@@ -22,35 +22,39 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.025, 0.4
-"""In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Before contact, the scooper's target is up to
-``BEFORE_M`` lower, while the lateral offset of the scooper exceeds ``FREE_M``. ``ALONG_WEIGHT``: weight of offsets
-along the forearm."""
-CRADLED_M, ON_RIM_M = 0.06, 0.08
-"""Height of the forearm's axis above the scooper: at ``CRADLED_M`` the forearm is between the rims, at ``ON_RIM_M`` it
-may be on a rim. In between, the lateral motion falls to zero."""
-CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
-"""Height of the forearm's axis at which the scooper passes above the armrest."""
-LIFT_TOLERANCE_M = 0.03
-"""Maximum distance below the carrying height at which the scooper also moves the forearm to the person's
-left.
+"""Distances of the scooper from the forearm.
+
+In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Before contact, while its lateral offset exceeds
+``FREE_M``, its target is up to ``BEFORE_M`` lower. ``ALONG_WEIGHT`` is the weight of offsets along the forearm.
 """
+CRADLED_M, ON_RIM_M = 0.06, 0.08
+"""Heights of the forearm's axis above the scooper.
+
+At ``CRADLED_M`` the forearm is between the rims. At ``ON_RIM_M`` it may be on a rim. Between these heights, the lateral
+motion decreases to zero.
+"""
+CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
+"""Height of the forearm's axis at which the scooper passes over the armrest."""
+LIFT_TOLERANCE_M = 0.03
+"""Maximum distance below the carrying height at which the scooper also moves the forearm to the person's left."""
 INWARD_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 LIFTING_X_M = RESTING_X_M - 0.145
-"""Smallest x coordinate of the forearm's lifted point while the forearm is lifted. There the far rim of the scooper
-does not touch the armrest."""
+"""Smallest x coordinate of the forearm's lifted point during lifting. The far rim does not touch the armrest there."""
 MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
-"""Maximum vertical distance of the target from the forearm, height of the target above the carrying height, and maximum
-and minimum speed of the scooper."""
+"""Maximum vertical distance of the target from the forearm, then height of the target above the carrying height.
+
+The last two values are the maximum and minimum speed of the scooper.
+"""
 
 
 def heading_w(scene: SceneConfig) -> FloatArray:
-    """Direction (3,) of the scooper's handle, from the robot's hand to the trough; world frame."""
+    """Returns the direction (3,) of the scooper's handle in the world frame, from the robot's hand to the trough."""
     return np.array([1.0, -0.4, 0.0] if scene.mount.on_floor else [1.0, 0.0, 0.0])
 
 
 def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
-    """Rotation (N, 4) of a scooper below the forearm, with its handle along a direction (3,)."""
+    """Returns the rotation (N, 4) of a scooper below the forearm, with its handle along the direction ``heading`` (3,)."""
     z_w = upwards_w(arm)
     ahead = constant_like(heading, z_w)
     x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])
@@ -65,7 +69,7 @@ def lifting(episodes: RunningEpisodes) -> Controller:
 def lift(
     state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
 ) -> ToolTarget:
-    """Next tool pose and speed: below the forearm, then upwards with it, then to the person's left."""
+    """Returns the next tool pose and speed: below the forearm, then upwards, then to the person's left."""
     up_w, lifted_w = upwards_w(state), lifted_pos_w(state)
     before = standoff_m(_beside_m(state), FREE_M, BEFORE_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
@@ -83,8 +87,11 @@ def lift(
 
 
 def _beside_m(state: State) -> FloatArray:
-    """Distance (N,) of the scooper from the forearm's lifted point, without the component along ``upwards_w``. Offsets
-    along the forearm have the weight ``ALONG_WEIGHT``, because the scooper glides along the forearm."""
+    """Returns the distance (N,) of the scooper from the forearm's lifted point, without the component along
+    ``upwards_w``.
+
+    Offsets along the forearm have the weight ``ALONG_WEIGHT``, because the scooper slides along the forearm.
+    """
     offset = state.tool_pos_w - lifted_pos_w(state)
     along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW], (0.0, 0.0, 1.0))
     along, up = ((offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, upwards_w(state)))

@@ -1,7 +1,7 @@
-"""Reward of arm manipulation: the scooper at the forearm, the forearm back on the armrest, and the preferences.
+"""Reward of arm manipulation: scooper at the forearm, forearm back on the armrest, and preferences of the person.
 
-Assistive Gym (Erickson et al., 2020) rewards two small distances: from the tool to the arm of a person in bed, and from
-elbow and wrist to the torso. Here the person sits in a wheelchair, and the arm belongs on the armrest.
+Assistive Gym (Erickson et al., 2020) rewards two small distances. One is from the tool to the arm of a person in bed,
+the other from elbow and wrist to the torso. Here the person sits in a wheelchair, and the arm belongs on the armrest.
 """
 
 from collections.abc import Mapping
@@ -27,18 +27,22 @@ from avrgym.tasks.task import StepResult
 ELBOW, WRIST = 1, 2
 UP = np.array([0.0, 0.0, 1.0])
 LIFTED_SHARE = 0.8
-"""Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1): near the centre of mass of forearm
-and hand."""
+"""Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1).
+
+It is near the centre of mass of forearm and hand.
+"""
 UPPER_SIDE, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
-"""Direction that points up on a resting forearm, in the forearm's frame, and weight of this direction relative to the
-vertical; see ``upwards_w``."""
+"""Direction that points up on a resting forearm, in the forearm's frame, and its weight relative to the vertical.
+
+See ``upwards_w``.
+"""
 RESTING_X_M = -ARMREST_X_M
 RESTING_M = 0.03
 """Height of a resting forearm's axis above the armrest: the mean of the forearms' radii."""
 SAMPLES = (np.arange(10) + 0.5) / 10.0
 """Sampled points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
-"""Success: this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
+"""For success, this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -49,20 +53,22 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_arm_n": -0.05,
 }
-"""Task weights, then preference weights. In Assistive Gym the two distances have equal weights as well. The other
-weights are the same as in the other tasks."""
+"""Task weights, then preference weights.
+
+As in Assistive Gym, the two distances have equal weights. The other weights are the same as in the other tasks.
+"""
 
 
 @dataclass(frozen=True)
 class ArmManipulationState:
-    """Consecutive control steps with the forearm above the armrest (N,), and whether the task succeeded (N,)."""
+    """Consecutive control steps with the forearm above the armrest (N,), and whether the task has succeeded (N,)."""
 
     steps_above: IntArray
     succeeded: BoolArray
 
 
 def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
-    """Initial task state: the forearm is not above the armrest."""
+    """Returns the initial task state: the forearm is not above the armrest."""
     xp = namespace(uniforms)
     steps = xp.zeros_like(uniforms[:, 0], dtype=xp.int64)
     return ArmManipulationState(steps, steps > 0)
@@ -97,19 +103,21 @@ def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationS
 
 
 def along_forearm_w(arm: RightArm, share: FloatArray | float) -> FloatArray:
-    """Points on the forearm's axis, from the elbow (0) to the wrist (1); ``share`` broadcasts with (N, 3)."""
+    """Returns points on the forearm's axis, from the elbow (0) to the wrist (1); ``share`` broadcasts with (N, 3)."""
     elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
     return elbow_w + share * (wrist_w - elbow_w)
 
 
 def lifted_pos_w(arm: RightArm) -> FloatArray:
-    """Point of the forearm's axis that the scooper lifts (N, 3); world frame."""
+    """Returns the point (N, 3) of the forearm's axis that the scooper lifts; world frame."""
     return along_forearm_w(arm, LIFTED_SHARE)
 
 
 def upwards_w(arm: RightArm) -> FloatArray:
-    """Unit vectors (N, 3) perpendicular to the forearms that point up; world frame. They are defined for vertical
-    forearms as well."""
+    """Returns unit vectors (N, 3) that point up and are perpendicular to the forearms; world frame.
+
+    They are defined for vertical forearms as well.
+    """
     q_w = arm.right_arm_q_w[:, ELBOW]
     up_w = constant_like(UP, q_w) + UPPER_SIDE_WEIGHT * transforms.rotate(q_w, constant_like(UPPER_SIDE, q_w))
     along_w = transforms.rotate(q_w, constant_like(UP, q_w))
@@ -117,8 +125,10 @@ def upwards_w(arm: RightArm) -> FloatArray:
 
 
 def to_armrest_m(arm: RightArm) -> FloatArray:
-    """Distances (N, 2) from the lifted point to its rest position: to the person's left, and up. A distance is 0 if the
-    point has passed the rest position in this direction."""
+    """Returns the distances (N, 2) of the lifted point from its rest position: to the person's left, and up.
+
+    A distance is 0 if the point has passed the rest position in this direction.
+    """
     pos_w = lifted_pos_w(arm)
     xp = namespace(pos_w)
     way = xp.stack([RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_M - pos_w[:, 2]], axis=-1)
@@ -126,14 +136,16 @@ def to_armrest_m(arm: RightArm) -> FloatArray:
 
 
 def returned_share(arm: RightArm) -> FloatArray:
-    """Share (N,) of the forearm's length that is above the armrest, or above the seat next to it."""
+    """Returns the share (N,) of the forearm's length that is above the armrest, or above the seat next to it."""
     xp = namespace(arm.right_arm_pos_w)
     above = [_is_above(along_forearm_w(arm, float(share))) for share in SAMPLES]
     return xp.stack(above, axis=-1).sum(axis=-1) / float(len(SAMPLES))
 
 
 def _is_above(pos_w: FloatArray) -> BoolArray:
-    """Boolean mask (N,): points (N, 3) that are higher than the armrest, and neither on its outer side nor in front of
-    it."""
+    """Returns a boolean mask (N,) of points (N, 3) that are higher than the armrest.
+
+    Points on its outer side or in front of it are excluded.
+    """
     beside = pos_w[:, 0] < RESTING_X_M - ARMREST_HALF_WIDTH_M
     return ~beside & (pos_w[:, 1] > ARMREST_FRONT_Y_M) & (pos_w[:, 2] > ARMREST_TOP_M)

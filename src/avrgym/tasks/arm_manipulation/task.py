@@ -1,4 +1,4 @@
-"""Arm manipulation: scene, initial states, observation and the task record."""
+"""Arm manipulation: scene, initial states, observation and task."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
     spread_rad=0.5 * ARM_SPREAD_RAD,
 )
-"""Seated, the upper arm outside the armrest, the forearm hanging; each joint of the arm within ±5°.
+"""Seated, the upper arm outside the armrest, the forearm hanging down; each joint of the arm within ±5°.
 
 With less abduction, the arms of short people overlap the armrest, and the hand is close to a mounted robot.
 """
@@ -41,25 +41,29 @@ LIMP_STRENGTH_SHARE = {
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
 }
-"""Share of people's strength in the joints of the limp arm (assumption). The model compensates gravity; these torques
-resist lifting in place of the arm's weight: 0.75 N m at the elbow, 1.8 N m against swinging the upper arm, 0.3 N m
-against lowering it to the body."""
+"""Share of people's strength in the joints of the limp arm (assumption).
+
+The model compensates gravity. These torques resist the lift instead of the arm's weight: 0.75 N m at the elbow. At the
+shoulder they are 1.8 N m against a swing of the upper arm, and 0.3 N m against its lowering to the body.
+"""
 START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
-"""Maximum random offset of the scooper at the start, and largest x coordinate of the scooper before this offset is
-added. There the scooper does not touch the wheel."""
+"""Maximum random offset of the scooper at the start, and largest x coordinate before this offset is added.
+
+There the scooper does not touch the wheel.
+"""
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """The wheelchair; the robot's left arm holds the scooper.
+    """Returns the scene: a wheelchair; the robot's left arm holds the scooper.
 
     Raises:
-        UnsuitableRobotError: if the robot does not have the arm, the mount or the grip.
+        UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
     return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states with the scooper within ±3 cm of a point below the forearm.
+    """Returns initial states with the scooper within ±3 cm of a point below the forearm.
 
     The base search has two goals: tool poses on the path of the forearm to the armrest.
     """
@@ -83,7 +87,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """The observation: tool, forearm, joints of the robot's arm, positions of the person's arm, and tool force."""
+    """Returns the observation: tool, forearm, joints of the robot's arm, positions of the person's arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -1,4 +1,4 @@
-"""Planning expert for bed bathing: wipe along upper arm and forearm with light pressure, at several angles."""
+"""Planning expert for bed bathing: wipes along upper arm and forearm with light pressure, at several angles."""
 
 from typing import NamedTuple
 
@@ -23,10 +23,13 @@ SWEEPS = (
     (FOREARM, np.radians(125.0), 1.0, 0.0),
     (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
-"""For each sweep: the limb, the angle around the limb (0 at its top, positive outwards), and the first and last
-position along the limb (0 at the end nearer to the shoulder, 1 at the other end)."""
+"""The sweeps of the cloth. Each has four values: limb, angle around the limb, first and last position along the limb.
+
+The angle is 0 at the limb's top and positive outwards. The position is 0 at the end near the shoulder, and 1 at the
+other end.
+"""
 MIN_SWEEPS = 4
-"""Minimum number of sweeps. Further sweeps follow only while too few markers are wiped."""
+"""Minimum number of sweeps. More sweeps follow until enough markers are wiped."""
 APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
 
 END_MARGIN_M = 0.065
@@ -42,7 +45,7 @@ MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
 class BedBathingExpert:
-    """Makes sweep after sweep: approach, touch, wipe, lift. If the arm gets stuck, the rest of the sweep is skipped.
+    """Makes several sweeps: approach, touch, wipe, lift. If the arm is stuck, the rest of the sweep is skipped.
 
     A target below the skin produces the contact force. While the force is low, the target moves deeper.
     """
@@ -73,7 +76,7 @@ class BedBathingExpert:
         self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
-        """Begin the next phase on arrival or if wiping is stuck. After lifting, begin the next sweep."""
+        """Begin the next phase on arrival, or if wiping is stuck. After lifting, begin the next sweep."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
         arrived = np.where(self._phase == TOUCH, state.tool_force_n > CONTACT_FORCE_N, arrived)
@@ -87,7 +90,7 @@ class BedBathingExpert:
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
-        """Boolean mask (N,): worlds without progress for more than ``STUCK_STEPS`` control steps."""
+        """Returns a boolean mask (N,) of worlds without progress for more than ``STUCK_STEPS`` control steps."""
         nearer = left_m < self._left_m - MIN_PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
@@ -97,13 +100,13 @@ class BedBathingExpert:
 def cloth_pose(
     state: State, limb: IntArray, angle_rad: FloatArray, share: FloatArray, above_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Cloth positions (N, 3) and rotations (N, 4) with the wiping face towards a limb; world frame.
+    """Returns cloth positions (N, 3) and rotations (N, 4) in the world frame. The wiping face is towards a limb.
 
     Args:
         state: physical state of N worlds.
         limb: 0 for the upper arm, 1 for the forearm (N,).
         angle_rad: angle around the limb (N,), 0 at its top, positive outwards.
-        share: position along the limb (N,), 0 at the end nearer to the shoulder, 1 at the other end.
+        share: position along the limb (N,), 0 at the end near the shoulder, 1 at the other end.
         above_m: distance of the wiping face from the skin (N,).
     """
     at = limb_frame(state, limb)
@@ -115,7 +118,11 @@ def cloth_pose(
 
 
 class LimbFrame(NamedTuple):
-    """Frames of N limbs: start, and directions along, up and outwards, (N, 3) each; length and radius (N,)."""
+    """Frames of N limbs in the world frame.
+
+    ``start_w`` is the end near the shoulder. ``along_w``, ``up_w`` and ``outwards_w`` are directions, (N, 3) each.
+    ``length_m`` and ``radius_m`` are (N,).
+    """
 
     start_w: FloatArray
     along_w: FloatArray

@@ -1,7 +1,7 @@
-"""Feedback expert for bed bathing: wipes towards the hand on top of the arm, and back on the arm's outer side.
+"""Feedback expert for bed bathing: wipes along the top of the arm to the hand, and back along the outer side.
 
-The angle around the arm determines the direction, so the expert needs no memory. Positions along the arm are: 0 to 1 on
-the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
+The angle around the arm determines the direction. The expert therefore needs no memory. Positions along the arm are 0
+to 1 on the upper arm, 1 to 2 across the elbow, and 2 to 3 on the forearm.
 """
 
 import numpy as np
@@ -26,9 +26,9 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TOP_RAD = np.radians(12.0)
-"""Angle around the arm, from its top outwards, of the motion towards the hand."""
+"""Angle around the arm of the motion towards the hand, from the arm's top outwards."""
 SIDE_RAD = np.radians(75.0)
-"""Angle around the arm, from its top outwards, of the motion back to the shoulder."""
+"""Angle around the arm of the motion back to the shoulder, from the arm's top outwards."""
 BORDER_RAD = np.radians(43.0)
 """Angle around the arm between the motion towards the hand and the motion back."""
 ELBOW_BORDER_RAD = np.radians(22.0)
@@ -44,17 +44,17 @@ LOOKAHEAD = 0.3
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the arm from the cloth to its target."""
 APPROACH_HEIGHT_M = 0.045
-"""The cloth approaches the arm while it is higher than this above the skin."""
+"""Height above the skin above which the cloth approaches the arm."""
 APPROACH_END_HEIGHT_M = 0.02
 """Height above the skin at which the approach ends."""
 LIFT_M = 0.03
-"""Height of the cloth above the elbow."""
+"""Height of the cloth above the skin at the elbow."""
 MAX_ADVANCE_HEIGHT_M = 0.01
-"""Height below which the cloth advances along the arm."""
+"""Height above the skin below which the cloth moves along the arm."""
 MIN_SPEED_SHARE = 0.05
-"""Smallest speed of this advance, relative to the full speed."""
+"""Smallest speed along the arm, relative to the full speed."""
 DEPTH_GAIN_M_N = 0.0003
-"""Gain of the depth step per newton."""
+"""Depth step per newton of force error."""
 MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
 """Limits of the depth step."""
 NO_CONTACT_STEP_M = 0.006
@@ -64,8 +64,7 @@ HEIGHT_RANGE_M = (-0.03, 0.01)
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Returns the next tool target: wipe from the shoulder to the wrist on top of the arm, and back on the arm's outer
-    side."""
+    """Returns the next tool target: to the wrist on top of the arm, back to the shoulder on the outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > APPROACH_HEIGHT_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
@@ -97,13 +96,15 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
 
 
 def _gradual(offset: FloatArray) -> FloatArray:
-    """Smooth step from 0 to 1; 0.5 at 0."""
+    """Returns a smooth step from 0 to 1; it is 0.5 at 0."""
     return 0.5 + 0.5 * elementary.tanh(offset)
 
 
 def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position of the cloth along the arm, angle of the cloth around the arm (from the arm's top outwards), and height
-    above the skin, (N,) each."""
+    """Returns the cloth's position along the arm, its angle around the arm, and its height above the skin, (N,) each.
+
+    The angle is 0 at the arm's top and positive outwards.
+    """
     worlds = len(state.tool_pos_w)
     upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
     from_elbow = state.tool_pos_w - lower.start_w
@@ -122,7 +123,7 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _arm_pose(
     state: State, along: FloatArray, angle_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Cloth position (N, 3), rotation (N, 4) and skin normal (N, 3) at a position on the arm."""
+    """Returns cloth position (N, 3), rotation (N, 4) and skin normal (N, 3) at a position along the arm."""
     skin = np.zeros(len(along))
     (upper_w, upper_q_w), (lower_w, lower_q_w) = (
         cloth_pose(state, np.full(len(along), limb), angle_rad, np.clip(along - 2.0 * limb, 0.0, 1.0), skin)

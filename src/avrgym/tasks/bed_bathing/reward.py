@@ -1,9 +1,9 @@
 """Reward of bed bathing: markers wiped off the right arm, and the preferences of the person.
 
-Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's wiping face touches the person
-within 2.5 cm of it. For a flat pad on a round limb, MuJoCo reports only the ends of the contact line. The touched
-points are therefore the segment between the first and the last contact along the limb. Only contacts within 2.5 cm of
-the limb's surface count.
+Markers cover upper arm and forearm, 3 cm apart. A marker is wiped if the cloth's wiping face touches the person within
+2.5 cm of it. For a flat pad on a round limb, MuJoCo reports only the ends of the contact line. The touched points are
+therefore the segment between the first and the last contact along the limb. Only contacts within 2.5 cm of the limb's
+surface are used.
 """
 
 from collections.abc import Mapping
@@ -25,8 +25,7 @@ from avrgym.tasks.task import StepResult
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
 MIN_RIM_COSINE = 0.26
-"""Cosine of 75°: the maximum angle between the normal of the wiping face and a contact normal at the rim of this
-face."""
+"""Cosine of 75°, the maximum angle between two normals: of the wiping face, and of a contact at its rim."""
 SUCCESS_SHARE = 0.30
 
 WEIGHTS: Mapping[str, float] = {
@@ -44,10 +43,10 @@ LIMB_GEOMS = np.array([list(human.GEOMS).index(name) for name in LIMBS])
 
 @dataclass(frozen=True)
 class BedBathingState:
-    """Markers on upper arm and forearm, with as many slots as the largest limb needs.
+    """Markers on upper arm and forearm. Both limbs have ``MARKERS`` slots, as many as the largest limb needs.
 
-    ``marker_pos`` (N, 2, ``MARKERS``, 3) in the frames of the two limbs, metres; ``exists`` and ``wiped`` (N, 2,
-    ``MARKERS``).
+    ``marker_pos`` (N, 2, ``MARKERS``, 3) are positions in the frames of the two limbs, metres. ``exists`` and ``wiped``
+    are masks (N, 2, ``MARKERS``).
     """
 
     marker_pos: FloatArray
@@ -68,11 +67,11 @@ def _max_rings() -> int:
 MAX_RINGS = _max_rings()
 MARKERS_PER_RING = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
 MARKERS = MAX_RINGS * MARKERS_PER_RING
-"""Number of marker slots of a limb. Upper arms need most, because they are longer and thicker than forearms."""
+"""Number of marker slots of a limb. Upper arms need more than forearms, because they are longer and thicker."""
 
 
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
-    """Create the markers: rings 3 cm apart with markers 3 cm apart, none wiped. Thick arms have larger gaps."""
+    """Create the markers: rings 3 cm apart with markers 3 cm apart. No marker is wiped. Thick arms have larger gaps."""
     xp = namespace(uniforms)
     size = human.layout_of_people(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
@@ -91,10 +90,10 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState) -> StepResult:
-    """Evaluate a step: wipe markers under the cloth's face, and compute the reward terms.
+    """Evaluate a step: wipe markers under the cloth's wiping face, and compute the reward terms.
 
     The force at the target is the sum over the cloth's contacts within 2.5 cm of upper arm or forearm. All other
-    contact forces count as force elsewhere.
+    contact forces are force elsewhere.
     """
     xp = namespace(state.tool_pos_w)
     contact_pos, near = _contacts_of_limbs(state)
@@ -117,12 +116,12 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
 
 
 def is_wiped(task_state: BedBathingState) -> BoolArray:
-    """Boolean mask (N,): worlds in which enough markers are wiped."""
+    """Returns a boolean mask (N,) of worlds in which enough markers are wiped for success."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
 def cloth_distance(state: State) -> FloatArray:
-    """Distance of the cloth from the person's body (N,), metres; 0 in contact."""
+    """Returns the distance (N,) of the cloth from the person's body in metres; 0 in contact."""
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
     to_axis = capsules.segment_box_distance(
@@ -133,8 +132,10 @@ def cloth_distance(state: State) -> FloatArray:
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
-    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and a mask (N, 2, C) of contacts within 2.5 cm of the
-    limb."""
+    """Returns the cloth's contacts (N, 2, C, 3) in the frames of both limbs.
+
+    Also returns a mask (N, 2, C) of contacts within 2.5 cm of the limb.
+    """
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]
@@ -157,8 +158,7 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
 
 def _on_face(state: State) -> BoolArray:
-    """Boolean mask (N, C): contacts on the wiping face of the cloth or on the rim of this face, not on the sides or the
-    rear.
+    """Returns a boolean mask (N, C) of contacts on the cloth's wiping face or its rim, not on the sides or the rear.
 
     These contacts are in the front half of the pad. Their normals differ by less than 75° from the normal of the wiping
     face (at a side: 90°).
@@ -170,7 +170,7 @@ def _on_face(state: State) -> BoolArray:
 
 
 def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:
-    """Boolean mask (N, 2, M): markers within 2.5 cm of the touched segment of their limb."""
+    """Returns a boolean mask (N, 2, M) of markers within 2.5 cm of the touched segment of their limb."""
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
@@ -184,7 +184,10 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
 
 
 def _ends(pos: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """First and last contact along the limb, (n, 3) each, of the contacts (n, C, 3) near the limb."""
+    """Returns the first and the last contact along the limb, (n, 3) each.
+
+    ``near`` is the mask of contacts (n, C, 3) near the limb.
+    """
     xp, row, along = namespace(pos), row_indices(pos), -pos[..., 2]
     first = xp.where(near, along, np.inf).argmin(axis=-1)
     last = xp.where(near, along, -np.inf).argmax(axis=-1)

@@ -1,4 +1,4 @@
-"""Bed bathing: scene, initial states, observation and the task record."""
+"""Bed bathing: scene, initial states, observation and task."""
 
 from functools import partial
 
@@ -26,7 +26,8 @@ from avrgym.tasks.task import Marks, Task, View, Views
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
 START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
-"""Initial rotation of the cloth: its long side is along the arm, its wiping face towards the person and downwards."""
+"""Initial rotation of the cloth. Its long side is along the arm. Its wiping face is towards the person and downwards.
+"""
 
 POSE = Pose(
     rest_rad=human.joint_angles(
@@ -38,18 +39,22 @@ POSE = Pose(
     ),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the thigh; in the
-reference's pose the fingers of short people would overlap the thigh."""
+"""Reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the thigh.
+
+In the pose of the reference, the fingers of short people would overlap the thigh.
+"""
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """The scene: a hospital bed; the robot's left arm holds the washcloth."""
+    """Returns the scene: a hospital bed; the robot's left arm holds the washcloth."""
     return placement.bed_scene(robot, "left", WASHCLOTH)
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the robot's hand is above the person's right arm and to its right. The goals of the base search
-    are shoulder, elbow and wrist."""
+    """Returns initial states with the robot's hand above the person's right arm and to its right.
+
+    The goals of the base search are shoulder, elbow and wrist.
+    """
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
@@ -58,7 +63,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """The observation: pose of the cloth, joints of the robot's arm, positions of the person's arm."""
+    """Returns the observation: pose of the cloth, joints of the robot's arm, positions of the person's arm, tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,
@@ -71,8 +76,10 @@ def observation(scene: SceneConfig) -> Observation:
 
 
 def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
-    """Positions of the remaining markers (N, 2 × ``MARKERS``, 3); world frame. The positions of all other markers are
-    below the floor."""
+    """Returns the positions (N, 2 × ``MARKERS``, 3) of the markers in the world frame.
+
+    Wiped and unused markers are below the floor.
+    """
     drawn = move_above_sleeve(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)

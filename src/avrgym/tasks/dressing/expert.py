@@ -1,6 +1,6 @@
-"""Experts for dressing: draw the sleeve's opening along the arm, from a point in front of the hand to the shoulder.
+"""Experts for dressing: pull the sleeve's opening along the arm, from a point before the hand to the shoulder.
 
-The target depends on the present state only. The opening faces along the arm; its direction changes gradually at wrist
+The target depends on the present state only. The opening faces along the arm. Its direction changes gradually at wrist
 and elbow. The robot's hand is on the outer side of the person's arm.
 """
 
@@ -21,28 +21,42 @@ HAND_DIRECTION_MOUNTED_W, HAND_DIRECTION_FLOOR_W = (
     np.array([0.985, 0.0, -0.174]),
     np.array([0.766, 0.0, 0.643]),
 )
-"""Direction from the arm to the robot's hand: outwards, 10° below the horizontal for a robot on the wheelchair, 40°
-above it for a robot on the floor. With these directions the robots reach the whole arm."""
+"""Outward direction from the arm to the robot's hand: 10° below the horizontal for a robot on the wheelchair.
+
+For a robot on the floor it is 40° above the horizontal. With these directions the robots reach the whole arm.
+"""
 BEND_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
 LOOKAHEAD_M = 0.05
 CENTRED_M, LATERAL_GAIN = 0.03, 1.5
-"""The opening moves over the hand if its centre is within ``CENTRED_M`` of the arm's axis. Otherwise the opening waits
-in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN`` times the excess."""
+"""Maximum distance of the opening's centre from the arm's axis at which the opening moves over the hand.
+
+At larger distances the opening waits in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN``
+times the excess.
+"""
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0
-"""The speed falls from full to zero between these forces on the person. At higher forces the tool moves back along the
-arm."""
+"""Between these forces on the person, the speed decreases from full speed to zero.
+
+At higher forces the tool moves back along the arm.
+"""
 FREE_LAG_M, MAX_LAG_M = 0.03, 0.045
-"""The speed falls in the same way with the distance of the tool from its plan, because an obstacle holds the tool."""
+"""Between these distances of the tool from its planned position, the speed decreases in the same way.
+
+A large distance means that an obstacle blocks the tool.
+"""
 PAST_SHOULDER_M = 0.04
-"""The hoop moves this distance past the point at which the arm is dressed, because the free half of the opening lags
-behind."""
+"""Distance that the hoop moves past the point at which the arm is dressed.
+
+It is needed because the free half of the opening lags behind.
+"""
 
 
 def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
-    """Rotations (..., 4) of an opening for drawing directions (..., 3). The mount determines on which side of the arm
-    the robot's hand is."""
+    """Returns rotations (..., 4) of the opening for pulling directions (..., 3).
+
+    The mount determines on which side of the arm the robot's hand is.
+    """
     xp = namespace(along_w)
     side = constant_like(
         HAND_DIRECTION_FLOOR_W if scene.mount.on_floor else HAND_DIRECTION_MOUNTED_W, along_w
@@ -53,9 +67,9 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
 
 
 def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Next tool pose and speed along the arm. The tool stops if the arm is dressed.
+    """Returns the next tool pose and speed along the arm.
 
-    It moves back if the force is high or an obstacle holds it.
+    The tool stops if the arm is dressed. It moves back if the force is high or an obstacle blocks it.
     """
     path = arm_path(state)
     end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
@@ -84,7 +98,10 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
 
 
 def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points and directions (N, 3) at distances (N,) along the arm. Directions change gradually at wrist and elbow."""
+    """Returns points and directions, (N, 3) each, at distances (N,) along the arm.
+
+    Directions change gradually at wrist and elbow.
+    """
     start_m = path.end_m - path.length_m
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)
@@ -95,7 +112,7 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class DressingExpert:
-    """Draws the sleeve along the arm. Each step starts at the servo targets."""
+    """Pulls the sleeve along the arm. Each step starts at the servo targets."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin at the present joint angles."""

@@ -1,8 +1,8 @@
 """Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
 
-The arm is a path from the centre of the hand over wrist and elbow to the shoulder. The opening of the sleeve has passed
-a point of the path if its rim winds around the arm there. As in Assistive Gym, the reward increases with the covered
-length of the arm, and decreases with the forces on the person.
+The arm is a path from the centre of the hand through wrist and elbow to the shoulder. The opening of the sleeve has
+passed a point of the path if its rim winds around the arm there. The reward increases with the covered length of the
+arm, and decreases with the forces on the person, as in Assistive Gym.
 """
 
 from collections.abc import Mapping
@@ -23,11 +23,13 @@ from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
 SHOULDER_REACH_M = 0.12
-"""Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed. At smaller
-distances the inner side of the opening touches the torso, whose surface is about 0.1 m from the joint."""
+"""The arm is dressed at this distance of the opening from the shoulder joint, along the upper arm.
+
+At smaller distances the inner side of the opening touches the torso. Its surface is about 0.1 m from the joint.
+"""
 
 ARM_POINTS = ("wrist", "elbow", "shoulder")
-"""Places that the opening passes."""
+"""Points of the arm that the opening passes."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -38,7 +40,7 @@ WEIGHTS: Mapping[str, float] = {
     "cloth_force_n": -0.01,
     "strong_cloth_force_n": -0.05,
 }
-"""Task weights, then preference weights, as in the other tasks. Dressing the whole arm gives a reward of about 100."""
+"""Task weights, then preference weights, as in the other tasks. A fully dressed arm gives a reward of about 100."""
 
 _GEOMS = list(human.GEOMS)
 HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
@@ -48,8 +50,11 @@ HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
 
 @dataclass(frozen=True)
 class DressingState:
-    """Progress of dressing: ``dressed_m`` (N,), the largest length of the arm in the sleeve, and ``passed`` (N,), the
-    number of places that the opening has passed: wrist, elbow, shoulder."""
+    """Progress of dressing.
+
+    ``dressed_m`` (N,) is the largest length of the arm that has been in the sleeve. ``passed`` (N,) is the number of
+    ``ARM_POINTS`` that the opening has passed.
+    """
 
     dressed_m: FloatArray
     passed: IntArray
@@ -58,8 +63,8 @@ class DressingState:
 class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
-    For each section: start point ``start_w`` and direction ``along_w``, (N, 3, 3) each; length ``length_m``, and
-    distance ``end_m`` of its end from the hand's centre along the arm, (N, 3) each.
+    ``start_w`` and ``along_w`` are start point and direction of each section, (N, 3, 3). ``length_m`` (N, 3) is its
+    length. ``end_m`` (N, 3) is the distance of its end from the hand's centre along the arm.
     """
 
     start_w: FloatArray
@@ -69,9 +74,9 @@ class ArmPath(NamedTuple):
 
 
 class PathPoint(NamedTuple):
-    """The points of the arms' paths that are nearest to other points.
+    """The points of N arm paths that are nearest to given points.
 
-    ``point_w`` (N, 3): the nearest point. ``section`` (N,): its section. ``at_m`` (N,): its distance from the hand's
+    ``point_w`` (N, 3) is the nearest point, ``section`` (N,) its section. ``at_m`` (N,) is its distance from the hand's
     centre along the arm, negative in front of the hand.
     """
 
@@ -81,8 +86,12 @@ class PathPoint(NamedTuple):
 
 
 class Opening(NamedTuple):
-    """The opening on the arm: its centre (N, 3), the nearest section of the arm (N,), the distance of the nearest point
-    from the hand's centre along the arm (N,), and whether the rim winds around the arm there (N,)."""
+    """Position of the sleeve's opening relative to the arm.
+
+    ``centre_w`` (N, 3) is its centre, ``section`` (N,) the nearest section of the arm. ``along_m`` (N,) is the distance
+    of the nearest point from the hand's centre along the arm. ``around`` (N,): whether the rim winds around the arm
+    there.
+    """
 
     centre_w: FloatArray
     section: IntArray
@@ -91,7 +100,7 @@ class Opening(NamedTuple):
 
 
 def init_state(people: People, uniforms: FloatArray) -> DressingState:
-    """Initial task state: nothing is dressed."""
+    """Returns the initial task state: nothing is dressed."""
     xp, first = namespace(uniforms), uniforms[:, 0]
     return DressingState(xp.zeros_like(first), xp.zeros_like(xp.astype(first, xp.int64)))
 
@@ -124,12 +133,12 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
 
 
 def is_dressed(task_state: DressingState) -> BoolArray:
-    """Whether the opening has reached the shoulder (N,)."""
+    """Returns a boolean mask (N,): whether the opening has passed the shoulder."""
     return task_state.passed == len(ARM_POINTS)
 
 
 def arm_path(state: State) -> ArmPath:
-    """The paths of the left arms of N people."""
+    """Returns the paths of the left arms of N people."""
     segments_w, xp = state.person_segment_w, namespace(state.person_segment_w)
     points_w = xp.stack(
         [
@@ -148,7 +157,7 @@ def arm_path(state: State) -> ArmPath:
 
 
 def locate_opening(state: State, path: ArmPath) -> Opening:
-    """Returns the openings relative to the arms, at the section of the arm that is nearest to the opening's centre."""
+    """Returns the position of the openings relative to the nearest sections of the arms."""
     rim_w = state.cloth_pos_w[:, :VERTICES_PER_RING]
     centre_w = rim_w.mean(axis=1)
     nearest = nearest_on_path(centre_w, path)
@@ -175,8 +184,10 @@ def nearest_on_path(pos_w: FloatArray, path: ArmPath, *, extended: bool = False)
 
 
 def is_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
-    """Boolean mask (N,): closed polylines (N, R, 3) that wind around their axis. Each axis has a point (N, 3) and a
-    unit direction (N, 3)."""
+    """Returns a boolean mask (N,) of closed polylines (N, R, 3) that wind around their axis.
+
+    Each axis is given by a point (N, 3) and a unit direction (N, 3).
+    """
     xp, offset = namespace(rim_w), rim_w - point_w[:, None]
     across = offset[:, 0] - (offset[:, 0] * axis_w).sum(axis=-1)[:, None] * axis_w
     first = across / xp.maximum(norm(across), 1e-9)[:, None]

@@ -1,4 +1,4 @@
-"""Dressing: scene, initial states, observation and the task record."""
+"""Dressing: scene, initial states, observation and task."""
 
 from functools import partial
 
@@ -34,20 +34,20 @@ POSE = Pose(
     rest_rad=human.joint_angles(left_shoulder_y=-30.0, left_shoulder_x=-70.0, left_elbow_x=-15.0),
     spread_rad=np.radians([5.0 if joint.body in LEFT_ARM[:2] else 0.0 for joint in JOINTS.values()]),
 )
-"""Seated, the left arm held out to the front and side, each joint of shoulder and elbow within ±5°."""
+"""Seated, the left arm stretched to the front and side; each joint of shoulder and elbow within ±5°."""
 START_BEFORE_HAND_M, START_SPREAD_M = 0.14, 0.03
-"""Distance of the opening's centre before the hand's centre, and maximum random offset on each axis."""
+"""Initial distance of the opening's centre from the hand's centre, and maximum random offset on each axis."""
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """A wheelchair; the robot is on the person's left and holds the sleeve."""
+    """Returns the scene: a wheelchair; the robot is on the person's left and holds the sleeve."""
     return placement.wheelchair_scene(robot, "right", SLEEVE, (0.1, 0.0), on_left=True)
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states with the opening within ±3 cm of a point before the hand.
+    """Returns initial states with the opening within ±3 cm of a point in front of the hand.
 
-    The tool moves along three goals: openings at wrist, elbow and shoulder.
+    The tool moves to three goals in turn: openings at wrist, elbow and shoulder.
     """
     xp = namespace(uniforms)
     shoulder_w, elbow_w, wrist_w = (_left_arm_w(people, name) for name in LEFT_ARM)
@@ -66,7 +66,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def _left_arm_w(people: People, body: str) -> FloatArray:
-    """Origin (n, 3) of a body of the left arm of seated people; world frame."""
+    """Returns the origin (n, 3) of a body of the left arm of seated people; world frame."""
     return human.body_frames(people, bodies=(body,))[0][body]
 
 
@@ -75,7 +75,7 @@ def _left_arm_from_torso(geom: int, end: int) -> EntryFunction:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """The observation: tool, joints of the robot's arm, positions of the person's left arm, and tool force."""
+    """Returns the observation: tool, joints of the robot's arm, positions of the person's left arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -1,4 +1,4 @@
-"""Planning expert for drinking: bring the cup's rim to the lips, then tilt the cup about the rim."""
+"""Planning expert for drinking: brings the cup's rim to the lips, then tilts the cup about the rim."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,20 +16,22 @@ from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 APPROACH_ROLLS_DEG = (0.0, -22.5, -45.0)
-"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis (it lowers the robot's hand)."""
+"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis. It lowers the robot's hand."""
 DISTANCE_COST_S_PER_M = 200.0
-"""Cost of the distance between rim and mouth."""
+"""Cost per metre of distance between rim and mouth."""
 
 CARRY_SPEED_M_S, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
-"""Offsets of the pouring edge from the middle of the mouth: in front of the mouth and above it. They are needed because
-slow water flows backwards."""
+"""Offsets of the pouring edge from the middle of the mouth: in front of the mouth, and above it.
+
+They are needed because slow water flows backwards along the cup.
+"""
 CARRY_TILT_RAD = np.radians(45.0)
-"""Tilt during the approach. The robot's fingers are then below the chin."""
+"""Tilt of the cup during the approach. The robot's fingers are then below the chin."""
 POUR_START_TILT_RAD = np.radians(70.0)
-"""Tilt below which no water pours."""
+"""Tilt below which no water flows out of the cup."""
 EMPTY_TILT_RAD = np.radians(92.0)
 """Tilt at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
@@ -42,17 +44,20 @@ _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 @dataclass(frozen=True)
 class Approach:
-    """Approach of the cup for N people: yaw relative to the face (N,) and rotation about the cup's axis (N,)."""
+    """Approach of the cup for N people.
+
+    ``yaw_rad`` (N,) is the yaw relative to the face, ``roll_rad`` (N,) the rotation about the cup's axis.
+    """
 
     yaw_rad: FloatArray
     roll_rad: FloatArray
 
 
 class DrinkingExpert:
-    """Chooses an approach for each person and follows it."""
+    """Selects an approach for each person and executes it."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
-        """Plan for the present people."""
+        """Plan the approaches to the present people."""
         self._cup = cup
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
@@ -75,8 +80,10 @@ class DrinkingExpert:
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
-        """Choose an approach that is fast and brings the rim near the mouth. Returns the approach and the joint angles
-        (N, J) at its start."""
+        """Select approaches that are fast and bring the rim near the mouth.
+
+        Returns the approaches, and the joint positions (N, J) at their start.
+        """
         worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in APPROACH_YAWS_DEG for roll in APPROACH_ROLLS_DEG])
         tried = [self._try(state, Approach(*np.tile(approach[:, None], len(worlds)))) for approach in ways]
@@ -85,7 +92,7 @@ class DrinkingExpert:
         return Approach(*ways[best].T), before[best, worlds]
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
-        """Returns the cost (N,) of an approach in seconds, and the joint angles (N, J) at its start."""
+        """Returns the cost (N,) of an approach in seconds, and the joint positions (N, J) at its start."""
         pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup)
         before_w = pos_w - STANDOFF_M * transforms.rotate(yaw_q_w(state, approach), FORWARD)
         angles, seconds = (
@@ -95,7 +102,7 @@ class DrinkingExpert:
         return seconds + self._tilting_cost_s(state, approach, angles), angles
 
     def _tilting_cost_s(self, state: State, approach: Approach, joint_positions: FloatArray) -> FloatArray:
-        """Cost (N,) of the distance between rim and mouth and of small clearances while tilting."""
+        """Returns the cost (N,) of small clearances during the tilt, and of the distance between rim and mouth."""
         gap_m = np.full(len(joint_positions), np.inf)
         poses = [
             at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
@@ -116,13 +123,13 @@ class DrinkingExpert:
 
 
 def carried_tilt_rad(q_w: FloatArray) -> FloatArray:
-    """Tilt (N,) of cups with rotations (N, 4), at least ``CARRY_TILT_RAD``."""
+    """Returns the tilt (N,) of cups with rotations (N, 4), at least ``CARRY_TILT_RAD``."""
     z_w = transforms.rotate(q_w, UP)[:, 2]
     return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), CARRY_TILT_RAD)
 
 
 def yaw_q_w(state: State, approach: Approach) -> FloatArray:
-    """Rotation (N, 4) of an upright cup whose x axis is the heading of the approach."""
+    """Returns the rotation (N, 4) of an upright cup. Its x axis is the heading of the approach."""
     into = face_direction(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + approach.yaw_rad)
 
@@ -130,7 +137,10 @@ def yaw_q_w(state: State, approach: Approach) -> FloatArray:
 def at_mouth(
     state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = CUP_SHAPE
 ) -> tuple[FloatArray, FloatArray]:
-    """Cup pose, (N, 3) and (N, 4), at a tilt: the pouring edge is as near to the lips as possible without contact."""
+    """Returns the cup pose, (N, 3) and (N, 4), at a tilt.
+
+    The pouring edge is at the lips, or farther away if this is needed to avoid contact.
+    """
     yaw = yaw_q_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, approach.roll_rad)
@@ -144,7 +154,7 @@ def at_mouth(
 
 @cache
 def _rim(cup: CupShape) -> FloatArray:
-    """Points (P, 3) of the rim in the tool's frame."""
+    """Returns points (P, 3) of the rim in the tool's frame."""
     return np.stack(
         [
             cup.axis_x_m + cup.rim_radius_m * elementary.cos(_AROUND),
@@ -156,7 +166,7 @@ def _rim(cup: CupShape) -> FloatArray:
 
 
 def _edge_w(pos_w: FloatArray, q_w: FloatArray, approach: Approach, cup: CupShape = CUP_SHAPE) -> FloatArray:
-    """Point (N, 3) of the rim over which the cup pours."""
+    """Returns the point (N, 3) of the rim over which the cup pours."""
     edge = [
         cup.rim_radius_m * elementary.cos(approach.roll_rad) + cup.axis_x_m,
         -cup.rim_radius_m * elementary.sin(approach.roll_rad),

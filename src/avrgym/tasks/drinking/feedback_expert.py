@@ -12,8 +12,10 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TILT_DISTANCE_M = 0.015
-"""Maximum distance to the lips at which the cup is tilted further, with a margin for the person's motion and the arm's
-lag."""
+"""Maximum distance to the lips at which the cup is tilted further.
+
+It contains a margin for the person's motion and the arm's lag.
+"""
 TILT_SPEED_RAD_S = 0.12
 """Tilt rate while pouring."""
 
@@ -21,7 +23,7 @@ TILT_SPEED_RAD_S = 0.12
 def drinking_target(
     state: State, task_state: TaskState, planner: MotionPlanner, cup: CupShape = CUP_SHAPE
 ) -> ToolTarget:
-    """Move the cup straight to the lips, then tilt it from its present tilt."""
+    """Returns the next tool target: move the cup straight to the lips, then increase its present tilt."""
     approach = expert.Approach(*np.zeros((2, len(planner.pos_w))))
     tilt = expert.carried_tilt_rad(planner.q_w)
     into = transforms.rotate(expert.yaw_q_w(state, approach), expert.FORWARD)

@@ -1,13 +1,13 @@
 """Memory-based expert for drinking. Recurrent policies imitate it.
 
-- Near the lips the cup moves slowly, because the face of the person follows the cup. When the person leans forward, the
-  cup retreats faster.
-- The cup pours only into a mouth at rest, and stops when the mouth moves. With less water in the cup, pouring begins at
-  a larger tilt. Up to this tilt the cup tilts quickly, so short rests are enough.
-- While the person looks away, the cup waits where the face is expected to return. The cup does not wait if the face has
-  had this direction since the start.
-- The cup stays on its side of the head. The cup rotates about its axis to pour over the part of the rim at the lips.
-- The cup always approaches slightly rotated: the hand is then lower, where the arm reaches farther.
+- Near the lips the cup moves slowly, because the person's face follows the cup. If the person leans forward, the cup
+  retreats faster.
+- The cup pours only into a mouth at rest, and stops if the mouth moves. With less water in the cup, pouring begins at a
+  larger tilt. Up to this tilt the cup tilts quickly. Short rests are therefore enough.
+- While the person looks away, the cup waits at the expected return position of the face. The cup does not wait if the
+  face has had this direction since the start.
+- The cup stays on its side of the head. It rotates about its axis and pours over the part of the rim at the lips.
+- The cup always approaches slightly rotated. The hand is then lower, where the arm reaches farther.
 """
 
 from dataclasses import replace
@@ -45,9 +45,9 @@ POUR_STOP_DISTANCE_M = 0.05
 REST_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
 POUR_TILT_RAD = np.radians(89.5)
-"""Tilt at which the last water reaches the rim. Measured at 0.1 rad/s."""
+"""Tilt at which the last water reaches the rim, measured at a tilt rate of 0.1 rad/s."""
 TILT_PER_PARTICLE_RAD = np.radians(0.145)
-"""Reduction of the pouring tilt for each particle in the cup. The tilt is correct within one degree at any filling."""
+"""Reduction of the pouring tilt for each particle in the cup. The error is below one degree at any filling."""
 SPILL_MARGIN_RAD = float(np.radians(4.0))
 """Margin below the pouring tilt at which a moving cup spills nothing."""
 TILT_GAIN_PER_S = 3.0
@@ -55,38 +55,41 @@ TILT_GAIN_PER_S = 3.0
 POUR_SPEED_RAD_S = 0.03
 """Tilt rate while pouring."""
 LOOK_AWAY_RAD = np.radians(25.0)
-"""A face that is turned by more than this angle looks away."""
+"""Angle of a face above which the person looks away."""
 FAR_LOOK_AWAY_RAD = np.radians(33.0)
-"""Angle of a face that looks far away."""
+"""Angle of a face at which the person looks far away."""
 EXPECTED_FACE_RAD = np.radians(8.0)
-"""Angle at which a face is expected to return if it looks far away. If its angle decreases to ``LOOK_AWAY_RAD``, the
-expected angle increases to ``LOOK_AWAY_RAD``."""
+"""Expected angle of the face after the person has looked far away.
+
+For smaller angles, the expected angle increases. It is ``LOOK_AWAY_RAD`` for a face at ``LOOK_AWAY_RAD``.
+"""
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
-"""A face looks away only if it has rotated by at least this angle since the start."""
+"""Rotation of the face since the start below which the person does not look away."""
 MAX_PENETRATION_M = 0.001
-"""If the cup is farther than this past its goal, it retreats with at least ``RETREAT_SPEED_M_S``."""
+"""Distance of the cup past its goal above which it retreats with at least ``RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
 """Additional standoff of a waiting cup."""
 LATERAL_OFFSET_M = 0.025
 """Default lateral offset of the cup's reference point from its pouring point.
 
-A rotation about the cup's axis causes the offset. The rotation helps arms on the person's right to reach the mouth."""
+A rotation about the cup's axis causes the offset. The rotation helps arms on the person's right to reach the mouth.
+"""
 MAX_LATERAL_OFFSET_M = 0.042
 """Maximum lateral offset of the cup's reference point from its pouring point."""
 MIN_MIDPLANE_DISTANCE_M = 0.01
-"""Minimum distance of the cup from the head's mid-plane."""
+"""Minimum distance of the cup from the mid-plane of the head."""
 MAX_LIP_OFFSET_M = 0.04
 """Maximum lateral offset of the cup from the lips."""
 TURN_COMPENSATION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
-"""Yaw of a face that looks at the cup, to the left."""
+"""Yaw, to the left, of a face that looks at the cup."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
 
 class MemoryExpert:
-    """Brings the cup to each of N mouths, waits, and pours when possible."""
+    """Brings the cup to each of N mouths, waits while the person looks away, and pours when the mouth is at rest."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
         """Start at the present poses."""
@@ -137,7 +140,7 @@ class MemoryExpert:
 
 
 def _way(left_m: FloatArray, cup: CupShape = CUP_SHAPE) -> Approach:
-    """Approach of cups whose reference point is a distance (N,) to the left of the pouring point."""
+    """Returns the approach of cups whose reference point is a distance (N,) to the left of the pouring point."""
     return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 
 
@@ -149,8 +152,10 @@ def _next_tilt_rad(
     rests: BoolArray,
     away: BoolArray,
 ) -> FloatArray:
-    """Target tilt (N,), from the present tilt, the pouring tilt and the distance to the lips (N,). ``rests``: the mouth
-    is at rest; ``away``: the face looks away."""
+    """Returns the next tilt (N,), from the present tilt, the pouring tilt and the distance to the lips, (N,) each.
+
+    ``rests``: the mouth is at rest. ``away``: the person looks away.
+    """
     calm_rad = pours_rad - SPILL_MARGIN_RAD
     pours = (distance_m < POUR_START_DISTANCE_M) & ~away & (rests | (tilt < calm_rad))
     on = tilt + step_s * np.clip(TILT_GAIN_PER_S * (pours_rad - tilt), POUR_SPEED_RAD_S, TURN_SPEED_RAD_S)
@@ -163,13 +168,13 @@ def _next_tilt_rad(
 
 
 def _to_the_left(state: State) -> FloatArray:
-    """Direction (N, 3) from the right shoulder to the left."""
+    """Returns the direction (N, 3) from the right to the left shoulder."""
     shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
     return transforms.normalize(shoulders_w[:, 1] - shoulders_w[:, 0])
 
 
 def _turn_rad(state: State) -> FloatArray:
-    """Angle (N,) of faces, to the left of the direction in which a face looks at the cup."""
+    """Returns the angle (N,) of faces, to the left of the direction in which a face looks at the cup."""
     into, left = face_direction(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
@@ -178,7 +183,7 @@ def _turn_rad(state: State) -> FloatArray:
 
 
 def _expected_rad(turn_rad: FloatArray) -> FloatArray:
-    """Angle (N,) at which faces that look away are expected to return."""
+    """Returns the angle (N,) at which faces of people who look away are expected to return."""
     share = (np.abs(turn_rad) - LOOK_AWAY_RAD) / (FAR_LOOK_AWAY_RAD - LOOK_AWAY_RAD)
     return np.sign(turn_rad) * np.maximum(
         LOOK_AWAY_RAD - share * (LOOK_AWAY_RAD - EXPECTED_FACE_RAD), EXPECTED_FACE_RAD
@@ -186,14 +191,14 @@ def _expected_rad(turn_rad: FloatArray) -> FloatArray:
 
 
 def _turned(state: State, angle_rad: FloatArray) -> State:
-    """The state with heads turned about the vertical by angles (N,)."""
+    """Returns the state with heads turned about the vertical by angles (N,)."""
     turn = transforms.from_axis_angle(expert.UP, angle_rad)
     mouth_w = state.head_pos_w + transforms.rotate(turn, state.mouth_pos_w - state.head_pos_w)
     return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
 
 
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
-    """Lateral offset (N,) from the lips that keeps cups on their side of the head.
+    """Returns the lateral offset (N,) from the lips that keeps cups on their side of the head.
 
     If the required offset exceeds ``MAX_LIP_OFFSET_M``, the returned offset decreases. It is zero if the required
     offset is 1.5 times this value.

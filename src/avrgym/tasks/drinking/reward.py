@@ -32,14 +32,14 @@ WEIGHTS: Mapping[str, float] = {
 }
 """Task weights, then preference weights (paper, section IV; reference).
 
-The distance is from the pouring edge of the rim to the mouth. The tilt term is the angle of the cup's axis from the
-horizontal.
+The distance is from the pouring edge of the rim to the mouth. ``off_horizontal_rad`` is the angle of the cup's axis
+from the horizontal.
 """
 
 
 @dataclass(frozen=True)
 class DrinkingState:
-    """State of each water particle, (N, K) each. Particles that are ``gone`` have been removed from the scene."""
+    """State of each water particle, masks (N, K). Particles in ``gone`` have been removed from the scene."""
 
     drunk: BoolArray
     spilled: BoolArray
@@ -50,7 +50,7 @@ class DrinkingState:
 def init_state(
     people: People, uniforms: FloatArray, particles: int = len(WATER.initial_pos)
 ) -> DrinkingState:
-    """Initial state: all water is in the cup. The tool carries ``particles`` particles."""
+    """Returns the initial task state: all water is in the cup. The cup contains ``particles`` particles."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
@@ -59,8 +59,7 @@ def init_state(
 def evaluate_step(
     state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
 ) -> StepResult:
-    """Evaluate a step: water outside the cup within 3 cm of the mouth is drunk, water below cup and mouth is
-    spilled."""
+    """Evaluate a step. Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled."""
     check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state, cup))
     drinkable = outside & ~task_state.spilled
@@ -93,7 +92,7 @@ def evaluate_step(
 
 
 def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
-    """Boolean mask (N, K): water particles inside the cup, below its rim."""
+    """Returns a boolean mask (N, K) of water particles inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
     beside = (pos[..., 0] - cup.axis_x_m) ** 2 + pos[..., 1] ** 2 > cup.rim_radius_m**2
@@ -101,7 +100,7 @@ def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
 
 
 def _fallen(state: State, cup: CupShape) -> BoolArray:
-    """Boolean mask (N, K): water particles below the lowest point of the cup and of the mouth."""
+    """Returns a boolean mask (N, K) of water particles below the lowest points of cup and mouth."""
     middle = (
         transforms.rotate(state.tool_q_w, [cup.axis_x_m, 0.0, -0.5 * cup.height_m])[:, 2]
         + state.tool_pos_w[:, 2]
@@ -112,6 +111,6 @@ def _fallen(state: State, cup: CupShape) -> BoolArray:
 
 
 def tilt_rad(state: State) -> FloatArray:
-    """Angle (N,) between the cup's axis and the vertical."""
+    """Returns the angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
     return elementary.arccos(namespace(up).clip(up, -1.0, 1.0))

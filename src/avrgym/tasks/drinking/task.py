@@ -1,4 +1,4 @@
-"""Drinking: scene, initial states and the task record."""
+"""Drinking: scene, initial states and task."""
 
 from functools import partial
 
@@ -31,12 +31,12 @@ CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 
 
 def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
-    """The scene: a wheelchair; the robot's right arm holds the cup."""
+    """Returns the scene: a wheelchair; the robot's right arm holds the cup."""
     return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the robot's hand is within ±5 cm of a point in front of the person, the cup upright."""
+    """Returns initial states with the robot's hand within ±5 cm of a point in front of the person. The cup is upright."""
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)

@@ -1,1 +1,1 @@
-"""Shared parts of experts: tool motion, motion planning and clearance."""
+"""Shared parts of the experts: tool motion, motion planning and clearance."""

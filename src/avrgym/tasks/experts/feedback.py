@@ -1,4 +1,4 @@
-"""Feedback experts: the action depends on the present state only."""
+"""Feedback experts: their actions depend only on the present state."""
 
 from collections.abc import Callable
 
@@ -15,9 +15,9 @@ ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 
 MAX_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.8
 SPEED_GAIN_PER_S = 2.0
-"""Approach speed per metre of distance, 1/s."""
+"""Speed of the approach per metre of distance from the goal, 1/s."""
 STANDOFF_PER_OFFSET = 2.0
-"""Standoff from the goal per metre of lateral offset."""
+"""Standoff from the goal per metre of lateral offset beyond the free offset."""
 LIMIT_MARGIN_SHARE = 0.35
 """Share of a joint's range, at each end, that the preferred posture avoids."""
 
@@ -46,7 +46,7 @@ class FeedbackPlanner(MotionPlanner):
 
 
 class FeedbackExpert:
-    """Moves the tools to the targets that a function computes from the state."""
+    """Moves the tools to targets. A function computes the targets from the state."""
 
     def __init__(
         self, episodes: RunningEpisodes, target: Callable[[State, TaskState, MotionPlanner], ToolTarget]
@@ -64,20 +64,22 @@ class FeedbackExpert:
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m: float) -> FloatArray:
-    """Standoff (N,) from the goal along ``axis``, as in ``standoff_m``. The lateral offset is the part of ``offset``
-    (N, 3), from tool to goal, that is perpendicular to ``axis``."""
+    """Returns the standoff (N,) from the goal along ``axis`` (N, 3), in metres; see ``standoff_m``.
+
+    ``offset`` (N, 3) is the vector from tool to goal. The lateral offset is the part of it that is perpendicular to
+    ``axis``.
+    """
     return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
 
 
 def standoff_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
-    """Standoff (N,) from the goal for lateral offsets (N,), in metres.
+    """Returns the standoff (N,) from the goal for lateral offsets (N,), in metres.
 
-    The standoff is 0 for offsets up to ``free_m``. For larger offsets the standoff increases linearly, to at most
-    ``max_m``.
+    The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``max_m``.
     """
     return np.clip(STANDOFF_PER_OFFSET * (lateral_offset_m - free_m), 0.0, max_m)
 
 
 def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
-    """Tool speed (N,) at an offset (N, 3) from the goal."""
+    """Returns the tool speed (N,) for vectors (N, 3) from the tool to the goal."""
     return np.clip(SPEED_GAIN_PER_S * norm(offset), slowest_m_s, MAX_SPEED_M_S)

@@ -1,4 +1,4 @@
-"""Experts with a filtered observation of the person: the tool does not follow a tremor."""
+"""Experts with a filtered observation of the person. Their tool does not follow a tremor."""
 
 from dataclasses import replace
 
@@ -12,14 +12,14 @@ from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
 
 FILTERED_POSITIONS = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
 FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
-"""Parts of the state that contain the person's pose."""
+"""Fields of the state that contain the person's pose."""
 
 
 def filter_tremor(expert: Expert) -> Expert:
-    """Returns the expert with a changed input: the person's pose is the mean of the present and the previous control
-    step.
+    """Returns the expert with a filtered observation of the person.
 
-    Tremor changes direction at every control step (``people.impairments``). The mean therefore removes the tremor.
+    The observed pose of the person is the mean of the present and the previous control step. Tremor changes direction
+    at every control step (``people.impairments``). The mean therefore removes the tremor.
     """
 
     def make(episodes: RunningEpisodes) -> Controller:
@@ -29,14 +29,14 @@ def filter_tremor(expert: Expert) -> Expert:
 
 
 class _FilteredEpisodes:
-    """Running episodes with a filtered state."""
+    """Running episodes whose state is filtered."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         self._episodes = episodes
         self._before = self._now = episodes.state()
 
     def look(self) -> None:
-        """Observe the present state."""
+        """Store the present state for the filter. Call it once per control step."""
         self._before, self._now = self._now, self._episodes.state()
 
     @property
@@ -69,6 +69,6 @@ class _FilteredExpert:
 
 
 def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Mean of two rotations (..., 4)."""
+    """Returns the mean of two rotations (..., 4)."""
     same = np.sign((a * b).sum(axis=-1, keepdims=True))
     return transforms.normalize(a + same * b)

@@ -11,7 +11,7 @@ HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
 def face_direction(state: State) -> FloatArray:
-    """Horizontal direction (N, 3) into the face."""
+    """Returns the horizontal direction (N, 3) from the front into the face, in the world frame."""
     into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
@@ -19,8 +19,10 @@ def face_direction(state: State) -> FloatArray:
 def clearance_shift_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
-    """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3). The shift gives them ``clearance_m`` (N,) from
-    the head."""
+    """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3), in metres.
+
+    After the shift, all points have at least the clearance ``clearance_m`` (N,) from the head.
+    """
     radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)

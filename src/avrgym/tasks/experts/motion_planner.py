@@ -1,4 +1,4 @@
-"""Motion planning for experts: from tool targets to joint actions, by inverse kinematics."""
+"""Motion planning for experts: computes actions from tool targets, by inverse kinematics."""
 
 import numpy as np
 
@@ -15,12 +15,15 @@ POSTURE_SHARE = 0.1
 """Share of the distance to the preferred posture that the arm covers in one control step."""
 
 IK_STARTS, IK_SPREAD_RAD = 12, 1.5
-"""Number of start poses of the inverse kinematics: the present pose and random poses around it."""
+"""Number of start poses of the inverse kinematics, and maximum offset of each joint.
+
+The first is the present pose. The others are random poses around it.
+"""
 CANDIDATES = 8
-"""Number of solutions for each pose that are checked for collisions."""
+"""Number of solutions for each tool pose that are checked for collisions."""
 PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
-"""Costs of a collision and of tool tilt, and the distance at which the collision cost begins."""
+"""Cost of a collision, cost of tool tilt, and distance at which the collision cost begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
 YAW_GAIN_PER_S = 2.0
 """Turn rate of a driving base per radian of deviation from its initial yaw, 1/s."""
@@ -30,14 +33,14 @@ UP = (0.0, 0.0, 1.0)
 class MotionPlanner:
     """Plans the motion of the robots' arms in N worlds, one control step at a time.
 
-    Plans continue from the servo targets. Servo lag therefore does not slow the tool down. The first of the J joints of
-    a driving robot is the travel of its base, see ``placement.planning_chain``.
+    Plans continue from the servo targets. Servo lag therefore does not slow the tool down. For a driving robot, the
+    first of the J joints is the travel of its base, see ``placement.planning_chain``.
 
     Attributes:
         joint_positions: planned joint positions (N, J).
         pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
-        posture: preferred posture (N, J), initially the start positions. The preferred posture determines the motion in
-            the arm's null space.
+        posture: preferred posture (N, J), initially the start positions. It determines the motion in the arm's null
+            space.
         scene: the scene of all worlds.
     """
 
@@ -63,7 +66,7 @@ class MotionPlanner:
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Returns actions (N, A) that move the tool along a straight line to the target pose, (N, 3) and (N, 4).
+        """Returns actions (N, A) that move the tool on a straight line to the target pose, (N, 3) and (N, 4).
 
         The tool moves as fast as the joints allow, up to the given speeds.
         """
@@ -76,7 +79,7 @@ class MotionPlanner:
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Joint positions (N, J) of the next pose on the straight line to a target; see ``action_to_pose``."""
+        """Returns joint positions (N, J) of the next pose on a straight line to the target, see ``action_to_pose``."""
         self._update()
         step = target_pos_w - self.pos_w
         turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
@@ -88,9 +91,9 @@ class MotionPlanner:
         return self.joint_positions_at(self.pos_w + step, q_w, self.joint_positions + pull)
 
     def joint_step(self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
-        """Joint positions (N, J) of the next step towards a target (N, J). All joints move in proportion.
+        """Returns joint positions (N, J) of the next step towards a target (N, J). All joints move in proportion.
 
-        The tool moves at up to ``speed_m_s``, and its z axis stays within ``tilt_rad`` of the vertical.
+        The tool moves at up to ``speed_m_s``. Its z axis stays within ``tilt_rad`` of the vertical.
         """
         self._update()
         step = self._within_limits(target - self.joint_positions)
@@ -100,8 +103,9 @@ class MotionPlanner:
         return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
-        """Actions (N, A) that move the arms to joint positions (N, J) within the speed limits. All joints move in
-        proportion. A driving base turns back to its direction at the start.
+        """Returns actions (N, A) that move the arms to joint positions (N, J) within the speed limits.
+
+        All joints move in proportion. A driving base turns back to its initial yaw.
         """
         self._update()
         step = self._within_limits(joint_positions - self.joint_positions)
@@ -116,12 +120,15 @@ class MotionPlanner:
     def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
     ) -> tuple[FloatArray, FloatArray]:
-        """Find joint positions near the present joint positions, for K tool poses per world, (N, K, 3) and (N, K, 4).
+        """Find joint positions near the present ones for K tool poses in each world, (N, K, 3) and (N, K, 4).
 
-        Returns: Joint positions (N, K, J), and costs (N, K) in seconds. The cost is the duration of the motion, plus
-            the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess tilt. The collision cost begins at a gap
-            of ``MARGIN_M``, and is ``COLLISION_COST_S`` or more for a collision. The pose at the end is checked without
-            the tool. The cost is infinite if no solution was found.
+        The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess
+        tilt. The collision cost begins at a distance of ``MARGIN_M``. For a collision it is at least
+        ``COLLISION_COST_S``. At the end of the motion, the tool is not checked. The cost is infinite if no solution was
+        found.
+
+        Returns:
+            Joint positions (N, K, J), and costs (N, K) in seconds.
         """
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
@@ -142,14 +149,14 @@ class MotionPlanner:
         return angles[:, :, 0], cost[:, :, 0]
 
     def _swing_cost_s(self, joint_positions: FloatArray, tilt_rad: float) -> FloatArray:
-        """Duration of motions to joint positions (N, M, J), plus the cost of tool tilt, (N, M)."""
+        """Returns the duration (N, M) of motions to joint positions (N, M, J), plus the cost of tool tilt."""
         way = joint_positions - self.joint_positions[:, None]
         tilt = [self._tilt_rad(self.joint_positions[:, None] + share * way) for share in PATH_FRACTIONS]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return self._step_s * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
 
     def _collision_cost_s(self, joint_positions: FloatArray) -> FloatArray:
-        """Cost of small distances on the way to joint positions (N, M, J), shape (N, M)."""
+        """Returns the cost (N, M) of small distances on the path to joint positions (N, M, J)."""
         way = joint_positions - self.joint_positions[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PATH_FRACTIONS:
@@ -158,14 +165,16 @@ class MotionPlanner:
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
-        """Smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J), see
-        ``Clearance``."""
+        """Returns the smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J).
+
+        See ``Clearance``.
+        """
         return self._clearance.min_distance_m(
             joint_positions, state.person_segment_w, state.person_radius_m, tool=tool
         )
 
     def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
-        """Angle (N, M) between the tool's z axis and the vertical at joint positions (N, M, J)."""
+        """Returns the angle (N, M) between the tool's z axis and the vertical at joint positions (N, M, J)."""
         _, q = kinematics.forward_kinematics(
             self._chain, joint_positions.reshape(-1, joint_positions.shape[-1])
         )
@@ -175,22 +184,23 @@ class MotionPlanner:
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
     def joint_positions_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
-        """Joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near``."""
+        """Returns joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near`` (N, J)."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.inverse_kinematics(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
 
     def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tool positions (N, 3) and rotations (N, 4) at joint positions (N, J); world frame."""
+        """Returns tool positions (N, 3) and rotations (N, 4) in the world frame, at joint positions (N, J)."""
         return transforms.compose(*self._base_w, *kinematics.forward_kinematics(self._chain, joint_positions))
 
     def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
-        """Largest difference (N,) between the present joint positions and ``joint_positions`` (N, J), in the chain's
-        units."""
+        """Returns the largest difference (N,) of a joint from ``joint_positions`` (N, J), in the chain's units."""
         return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
-        """Returns joint positions (N, M, J), moved by whole turns to near the present positions where the ranges allow
-        this."""
+        """Returns joint positions (N, M, J), moved by whole turns towards the present positions.
+
+        Positions outside of a joint's range are not moved.
+        """
         turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
         turned = joint_positions + 2.0 * np.pi * turns
         inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
@@ -220,8 +230,7 @@ class MotionPlanner:
 
 
 def _start_offsets(joints: int) -> FloatArray:
-    """Offsets (``IK_STARTS``, J) of the start poses of the inverse kinematics from the present pose, in the chain's
-    units."""
+    """Returns the offsets (``IK_STARTS``, J) of the start poses from the present pose, in the chain's units."""
     others = random_streams.planner_start_generator().uniform(
         -IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints)
     )
@@ -229,7 +238,7 @@ def _start_offsets(joints: int) -> FloatArray:
 
 
 def _cheapest(cost: FloatArray, joint_positions: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` lowest costs of (N, K, R) and their joint positions (N, K, R, J), in ascending order."""
+    """Returns the ``count`` lowest costs of (N, K, R) and their joint positions (N, K, R, J), in ascending order."""
     best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
     return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(
         joint_positions, best[..., None], axis=2
@@ -237,14 +246,16 @@ def _cheapest(cost: FloatArray, joint_positions: FloatArray, count: int) -> tupl
 
 
 def _limiting_share(step: FloatArray, longest: FloatArray | float) -> FloatArray:
-    """Factor (N, 1) that limits steps (N, k) to a length (N,)."""
+    """Returns the factor (N, 1) that limits steps (N, k) to a length (N,)."""
     length = transforms.norm(step)
     return np.minimum(1.0, longest / np.maximum(length, 1e-9))[:, None]
 
 
 def _limit_tilt(q_w: FloatArray, tilt_rad: float) -> FloatArray:
-    """Returns rotations (N, 4), turned by the smallest angle that brings their z axes within ``tilt_rad`` of the
-    vertical."""
+    """Returns rotations (N, 4), turned by the smallest angle after which their z axes are near the vertical.
+
+    The remaining angle is at most ``tilt_rad``.
+    """
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)
     sine = transforms.norm(axis)

@@ -1,4 +1,4 @@
-"""Planning expert for feeding: carry the spoon in front of the mouth, then move it in."""
+"""Planning expert for feeding: carries the spoon to a point in front of the mouth, then moves it in."""
 
 import numpy as np
 
@@ -16,12 +16,15 @@ TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in
 TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
 SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
 TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
-"""Candidate spoon poses: yaw from the direction into the face, pitch, roll towards the lips, and height above the
-mouth."""
+"""Candidate spoon poses.
+
+The values are the yaw from the direction into the face, the pitch, the roll towards the lips, and the height above the
+mouth.
+"""
 PIECE_COST_S = 3.0
-"""Cost of a piece of food that may remain outside the mouth."""
+"""Cost of each piece of food that may remain outside the mouth."""
 FAILURE_COST_S = 10.0
-"""Cost of failure."""
+"""Cost of a pose with too few pieces of food in the mouth for success."""
 SHIFT_M = 0.001
 """Margin for food that slides on the spoon."""
 
@@ -30,18 +33,18 @@ STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
 CLEARANCE_M = 0.002
 """Initial clearance of the spoon from the face."""
 CLOSER_STEP_M = 0.0005
-"""Distance that the spoon moves closer if too little food reaches the mouth."""
+"""Distance that the spoon moves closer in a control step if too little food reaches the mouth."""
 GENTLE_FORCE_N = 4.0
-"""Contact force on the face at which the spoon moves no closer."""
+"""Contact force on the person at which the spoon moves no closer."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
 
 
 class FeedingExpert:
-    """Chooses a path for each person and follows it: first to a point in front of the mouth, then straight in."""
+    """Selects a spoon pose for each person. The spoon moves to a point in front of the mouth, then straight in."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan for the present people."""
+        """Plan the motion for the present people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         self._tool, count = episodes.scene.tool, episodes.simulation.num_worlds
@@ -61,7 +64,7 @@ class FeedingExpert:
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
-        """Choose the fastest reachable pose that brings most of the food into the mouth."""
+        """Select the fastest reachable pose that brings most of the food into the mouth."""
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
             [
@@ -85,19 +88,19 @@ class FeedingExpert:
         self._planner.posture = self._before
 
     def _may_move_closer(self, state: State) -> BoolArray:
-        """Boolean mask (N,): worlds in which too much food is on the spoon and the contact force is small."""
+        """Returns a boolean mask (N,) of worlds with too much food on the spoon and a small contact force."""
         on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
         return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < GENTLE_FORCE_N)
 
 
 def food_of(tool: Tool) -> FloatArray:
-    """Initial positions (K, 3) of the food in the spoon's frame."""
+    """Returns the initial positions (K, 3) of the food in the spoon's frame."""
     assert tool.particles is not None
     return tool.particles.initial_pos
 
 
 def _spoon_q_w(state: State) -> FloatArray:
-    """Spoon rotations of all candidates (N, K, 4)."""
+    """Returns the spoon rotations (N, K, 4) of all candidates."""
     into = face_direction(state)
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
@@ -109,7 +112,7 @@ def _spoon_q_w(state: State) -> FloatArray:
 def at_mouth(
     tool: Tool, state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
-    """Spoon positions (N, 3) in the middle of the mouth, or farther out if the clearance requires this."""
+    """Returns spoon positions (N, 3) in the middle of the mouth, or farther out if the clearance requires it."""
     assert tool.outline is not None
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.outline)

@@ -13,9 +13,9 @@ from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
 YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
-"""Candidate yaw angles: tip first, or rotated towards the left side, which needs less reach."""
+"""Candidate yaw angles: tip first, or rotated towards the left side, which needs a smaller reach."""
 ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
-"""Cost in metres of a radian of rotation error, and of a radian of yaw."""
+"""Costs in metres: per radian of rotation error, and per radian of yaw."""
 
 
 def feeding_target(
@@ -24,10 +24,10 @@ def feeding_target(
     planner: MotionPlanner,
     standoff_from_mouth_m: FloatArray | float = 0.0,
 ) -> ToolTarget:
-    """Move the level spoon into the mouth, through a funnel in front of the face. The yaw is the one that the arm
-    reaches best.
+    """Returns the next tool target: the level spoon moves into the mouth, through a funnel in front of the face.
 
-    The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of the mouth.
+    The yaw is the one that the arm reaches best. The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of
+    the mouth.
     """
     into = face_direction(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
@@ -43,8 +43,10 @@ def feeding_target(
 
 
 def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spoon position (N, 3) and rotation (N, 4) of the candidate with the lowest cost: inverse-kinematics error plus
-    yaw."""
+    """Returns spoon position (N, 3) and rotation (N, 4) of the candidate with the lowest cost.
+
+    The cost is the error of the inverse kinematics plus a cost of yaw.
+    """
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []
     rotations_w: list[FloatArray] = []

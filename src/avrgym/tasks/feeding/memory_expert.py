@@ -17,7 +17,7 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 REST_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
 MAX_STANDOFF_M = 0.06
-"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. The standoff is smaller at lower speeds."""
+"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. It is smaller at lower speeds."""
 
 
 class MemoryExpert:
@@ -39,5 +39,5 @@ class MemoryExpert:
 
 
 def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
-    """Standoff (N,) from mouths with speeds (N,)."""
+    """Returns the standoff (N,) from mouths with speeds (N,)."""
     return MAX_STANDOFF_M * np.clip(mouth_m_s / REST_SPEED_M_S - 1.0, 0.0, 1.0)

@@ -37,7 +37,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class FeedingState:
-    """State of each piece of food, (N, K) each. Eaten and dropped food no longer counts."""
+    """State of each piece of food, masks (N, K). Eaten and dropped pieces have no further events."""
 
     eaten: BoolArray
     dropped: BoolArray
@@ -45,7 +45,7 @@ class FeedingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.initial_pos)) -> FeedingState:
-    """Initial task state for a tool with ``particles`` pieces of food: none is eaten or dropped."""
+    """Returns the initial task state for a tool with ``particles`` pieces of food: none is eaten or dropped."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)
@@ -57,10 +57,10 @@ def evaluate_step(
     task_state: FeedingState,
     table_offset_m: Offset = (0.0, 0.0, 0.0),
 ) -> StepResult:
-    """Evaluate a step: food within 2 cm of the mouth is eaten; food below 0.5 m, on the table or in the bowl is
-    dropped.
+    """Evaluate a step. Food within 2 cm of the mouth is eaten.
 
-    Eaten food, and food on the floor, is removed from the scene.
+    Food below 0.5 m, on the table or in the bowl is dropped. Eaten food, and food on the floor, is removed from the
+    scene.
     """
     check_count(state, task_state.eaten)
     in_play = ~(task_state.eaten | task_state.dropped)
@@ -94,7 +94,7 @@ def evaluate_step(
 
 
 def strong_tool_force(state: State) -> FloatArray:
-    """Contact force of the tool on the person (N,) in newtons if this force is at or above the limit, else 0."""
+    """Returns the contact force (N,) of the tool on the person in newtons; 0 for forces below the limit."""
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 

@@ -1,4 +1,4 @@
-"""Feeding: scene, initial states and the task record."""
+"""Feeding: scene, initial states and task."""
 
 from functools import partial
 
@@ -29,21 +29,23 @@ BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
 HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
 SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
-"""Yaw of the spoon relative to the face, with its tip or its left side first."""
+"""Yaw of the spoon relative to the face: with its tip first, or with its left side first."""
 SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the spoon: level, pointing towards the person."""
 
 
 def scene(robot: Robot, tool: Tool = SPOON, add_furniture: Furniture = add_table) -> SceneConfig:
-    """The scene: a wheelchair and a table with a bowl; the robot's right arm holds the spoon."""
+    """Returns the scene: a wheelchair and a table with a bowl; the robot's right arm holds the spoon."""
     return placement.wheelchair_scene(robot, "right", tool, (0.1, 0.2), (add_furniture,), (BOWL_BODY,))
 
 
 def start(
     scene: SceneConfig, people: People, uniforms: FloatArray, offset_m: Offset = (0.0, 0.0, 0.0)
 ) -> Start:
-    """Initial states: the bowl is within ±5 cm of its mean position, the robot's hand within ±5 cm of a point above the
-    bowl. The spoon is level."""
+    """Returns initial states with the bowl within ±5 cm of its mean position.
+
+    The robot's hand is within ±5 cm of a point above the bowl. The spoon is level.
+    """
     bowl = constant_like(np.add(BOWL_START_M, offset_m), uniforms) + BOWL_SPREAD_M * (
         2.0 * uniforms[:, 0:3] - 1.0
     )
@@ -54,7 +56,10 @@ def start(
 
 
 def _goals(people: People) -> tuple[FloatArray, FloatArray]:
-    """Spoon positions (n, 2, 3) and rotations (n, 2, 4) at the mouth: level, with the tip or the left side first."""
+    """Returns spoon positions (n, 2, 3) and rotations (n, 2, 4) at the mouth.
+
+    The spoon is level, with its tip first or its left side first.
+    """
     mouth, head_q = placement.mouth_poses(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + constant_like(SPOON_YAWS_RAD, into)

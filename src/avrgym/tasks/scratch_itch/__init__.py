@@ -1,1 +1,1 @@
-"""Itch scratching: scratch a random spot on the person's right arm (paper, section IV)."""
+"""Itch scratching: scratch a random point on the person's right arm (paper, section IV)."""

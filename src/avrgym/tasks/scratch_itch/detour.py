@@ -1,7 +1,7 @@
 """Extra path length of scratching, for reward shaping.
 
-If the itch is on the far side of a limb, a reward for a small straight distance attracts the tool to the near side.
-There the tool gets stuck. A hand without clearance gets stuck in the same way.
+An itch may be on the far side of a limb. A reward for a small straight distance then attracts the tool to the near
+side. There the tool gets stuck. A hand without clearance gets stuck in the same way.
 """
 
 from avrgym.array_types import FloatArray
@@ -19,7 +19,7 @@ TIP_TO_HAND_M = 0.06
 
 
 def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
-    """Extra length (N,) in metres of the tool's path around the limb, compared with the straight path.
+    """Returns the extra length (N,) in metres of the tool's path around the limb, compared with the straight path.
 
     The limb is modelled as an infinite cylinder with the itch on its surface. If the straight path intersects the
     cylinder, the shortest path follows a tangent and then the surface.
@@ -40,7 +40,7 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
 
 
 def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
-    """Extra path length around the limb plus the path of the hand around the tip (N,), metres.
+    """Returns the extra path length (N,) in metres: of the tool around the limb, plus of the hand around the tip.
 
     ``feedback_expert`` defines the preferred direction of the hand.
     """

@@ -1,4 +1,4 @@
-"""Planning expert for scratching: approach the itch with clearance, press gently, rub along the limb."""
+"""Planning expert for scratching: approaches the itch with clearance, presses gently, and rubs along the limb."""
 
 from typing import NamedTuple
 
@@ -17,33 +17,36 @@ from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
 TILT_DIRECTIONS = 8
-"""Candidate directions of the rod: normal to the skin, or tilted by these angles in ``TILT_DIRECTIONS`` directions."""
+"""Number of directions in which a tilt is tried.
+
+Candidate directions of the rod are normal to the skin, or tilted by each of ``TILTS_RAD`` in each direction.
+"""
 TILT_COST_S_PER_RAD = 2.0
-"""Cost of a tilt."""
+"""Cost per radian of tilt."""
 
 SWING_SPEED_M_S, APPROACH_SPEED_M_S, RUB_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.05, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.05
 CONTACT_FORCE_N = 0.3
 NO_CONTACT_STEP_M = 0.004
-"""Additional depth in each control step without contact."""
+"""Increase of the depth in each control step without contact."""
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
 DETOUR_COST_S = 20.0
-"""If a plan costs more than this, the tool first moves to a point in front of the wrist and above it."""
+"""Cost of a plan above which the tool first makes a detour: to a point in front of the wrist and above it."""
 DETOUR_STEPS = 50
-"""Number of control steps of this detour. Then the expert plans again."""
+"""Number of control steps of the detour. Then the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M = np.array([0.014, 0.009])
-"""Half axes of the tip's elliptic path around the itch, along and across the limb."""
+"""Half axes of the tip's elliptic path around the itch: along and across the limb."""
 LOOKAHEAD_RAD = np.radians(75.0)
 """Look-ahead angle on this path."""
 
 
 class ForceControl(NamedTuple):
-    """Force control of the tip: desired force, gain in metres per newton, and limits of the depth step."""
+    """Force control of the tip: target force, depth step per newton of force error, and limits of the depth step."""
 
     force_n: float
     gain_m_n: float
@@ -55,10 +58,10 @@ FORCE_CONTROL = ForceControl(force_n=3.0, gain_m_n=0.0005, min_step_m=-0.002, ma
 
 
 class ScratchItchExpert:
-    """Chooses a rod direction for each person. The target depth follows the measured force."""
+    """Selects a rod direction for each person. The depth follows the measured force."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan for the present people."""
+        """Plan the motion for the present people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -85,7 +88,7 @@ class ScratchItchExpert:
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
-        """Next tip position (N, 3) and rod rotation (N, 4)."""
+        """Returns the next tip position (N, 3) and rod rotation (N, 4)."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
         out, _ = surface(task_state, limb_q_w)
@@ -98,7 +101,7 @@ class ScratchItchExpert:
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
-        """Plan for the worlds of a mask (N,): choose the fastest collision-free direction towards the itch.
+        """Select the fastest collision-free direction towards the itch, in the worlds of a mask (N,).
 
         The rotation about the rod is free; the last joint performs this rotation.
 
@@ -126,8 +129,10 @@ class ScratchItchExpert:
 
 
 def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
-    """Returns joint positions (N, J) and their cost (N,). The tool is in front of the wrist and above it; the rod
-    points down."""
+    """Returns joint positions (N, J) of the detour and their cost (N,).
+
+    The tool is in front of the wrist and above it. The rod points down.
+    """
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
@@ -140,9 +145,9 @@ def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
 def rubbing_target(
     state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: ForceControl
 ) -> FloatArray:
-    """Next position (N, 3) of a tip that circles around the itch.
+    """Returns the next position (N, 3) of a tip that circles around the itch.
 
-    The motion along the skin depends only on the tip's present position, the depth on the contact force.
+    The motion along the skin depends only on the tip's present position. The depth depends on the contact force.
 
     Args:
         state: physical state of N worlds.
@@ -168,13 +173,13 @@ def rubbing_target(
 
 
 def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (N, 3) at the itch: skin normal, and direction along the limb; world frame."""
+    """Returns unit vectors (N, 3) at the itch in the world frame: skin normal, and direction along the limb."""
     out = transforms.normalize(task_state.itch * constant_like(LATERAL_AXES, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 
 def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Candidate rod directions, unit vectors (N, K, 3), and their tilts (K,) in radians."""
+    """Returns candidate rod directions, unit vectors (N, K, 3), and their tilts (K,) in radians."""
     across = transforms.cross(out, along)
     sides = np.linspace(0.0, 2.0 * np.pi, TILT_DIRECTIONS, endpoint=False)
     aslant = [elementary.cos(side) * along + elementary.sin(side) * across for side in sides]
@@ -183,11 +188,14 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
-    """Position (..., 3) of the tip of a rod with direction ``into`` whose round end touches the skin at ``skin_w``."""
+    """Returns the position (..., 3) of the tip of a rod with direction ``into`` that touches the skin at ``skin_w``.
+
+    The end of the rod is round.
+    """
     return skin_w + RADIUS_M * (out + into)
 
 
 def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Shortest rotations (..., 4) from unit vectors a to unit vectors b, (..., 3)."""
+    """Returns the shortest rotations (..., 4) from unit vectors a to unit vectors b, (..., 3)."""
     half = transforms.normalize(a + b)
     return np.concatenate([(a * half).sum(axis=-1, keepdims=True), transforms.cross(a, half)], axis=-1)

@@ -16,18 +16,20 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_
 Range = tuple[float, float]
 
 MAX_HAND_ANGLE_RAD = 1.2
-"""Maximum angle of the hand to the skin normal."""
+"""Maximum angle between the hand's direction and the skin normal."""
 MAX_ROD_ANGLE_RAD = 0.4
-"""Maximum angle of the rod to the hand's direction."""
+"""Maximum angle between the rod and the hand's direction."""
 CLEARANCE_FORWARD, CLEARANCE_UP = -0.2, 0.2
-"""Direction in which the hand has clearance: components forward and up, relative to a component of 1 to the person's
-right."""
+"""Direction in which the hand has clearance: its components forward and up.
+
+The component to the person's right is 1.
+"""
 NORMAL_WEIGHT = 0.5
 """Weight of the skin normal in the hand's direction, see ``hand``."""
 SIDE_CHANGE_HEIGHT = -0.35
 """Vertical component of the skin normal at which the hand changes from above to below the arm."""
 SIDE_CHANGE_WIDTH = 0.17
-"""Width of this transition."""
+"""Width of this transition, in units of the vertical component."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 """Direction with clearance for a hand in front of the person; world frame."""
 FRONT_MAX_HAND_ANGLE_RAD = 1.0
@@ -35,16 +37,18 @@ FRONT_MAX_HAND_ANGLE_RAD = 1.0
 FRONT_MAX_ROD_ANGLE_RAD = 0.2
 """``MAX_ROD_ANGLE_RAD`` for a hand in front of the person."""
 INWARD_RANGE = (0.6, 0.85)
-"""Range of the skin normal's x component over which the hand changes to the front, on skin that faces left."""
+"""Range of the skin normal's x component over which the hand changes to the front. The skin faces left."""
 NOT_DOWNWARD_RANGE = (-0.5, -0.3)
-"""Range of the skin normal's z component over which the hand changes to the front: skin that does not face down."""
+"""Range of the skin normal's z component over which the hand changes to the front. The skin does not face down."""
 ROTATION_RANGE_RAD = (0.2, 0.6)
-"""A hand in front of the person approaches the itch if the hand's remaining rotation is below the first value. Above
-the second value the hand waits in front of the wrist."""
+"""Range of the remaining rotation of a hand in front of the person.
+
+Below the range the hand approaches the itch. Above the range it waits in front of the wrist.
+"""
 ZERO_TO_ONE = (0.0, 1.0)
 """Range of a blending weight."""
 MAX_LATERAL_OFFSET_M = 0.02
-"""Maximum lateral offset at which the tip moves down."""
+"""Maximum lateral offset from the itch at which the tip moves to the skin."""
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
@@ -60,11 +64,11 @@ DRAW_BACK_SPEED_M_S = 0.3
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
-    """Move the tip around the limb above the skin to the itch, then rub.
+    """Returns the next tool target: the tip moves around the limb above the skin to the itch, then rubs.
 
-    For an itch on the inner side, an arm on the wheelchair first rotates its hand in front of the wrist. The thicker
-    arm of a robot on the floor would touch the person, see ``memory_expert``. If links press on the person, the arm
-    withdraws.
+    For an itch on the inner side, an arm on the wheelchair first rotates its hand in front of the wrist. The arm of a
+    robot on the floor is thicker and would touch the person, see ``memory_expert``. If links press on the person, the
+    arm withdraws.
     """
     out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
     return blended_target(state, task_state, planner, front_share(out_w) * (not planner.scene.mount.on_floor))
@@ -73,7 +77,7 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
 def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
-    """The target of ``scratching_target``, blended with an approach from the front by a share (N,)."""
+    """Returns the target of ``scratching_target``, blended with an approach from the front by a share (N,)."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD)
@@ -97,12 +101,15 @@ def blended_target(
 def front_share(
     out_w: FloatArray, inwards: Range = INWARD_RANGE, not_down: Range = NOT_DOWNWARD_RANGE
 ) -> FloatArray:
-    """Share (N,) of the approach from the front for skin normals (N, 3), mostly 0 or 1; world frame."""
+    """Returns the share (N,) of the approach from the front for skin normals (N, 3) in the world frame.
+
+    The share is 0 or 1 for most normals.
+    """
     return np.interp(out_w[:, 0], inwards, ZERO_TO_ONE) * np.interp(out_w[:, 2], not_down, ZERO_TO_ONE)
 
 
 def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
-    """Rotation vectors (N, 3) that rotate the rod until the hand has clearance; world frame.
+    """Returns rotation vectors (N, 3) in the world frame that rotate the rod until the hand has clearance.
 
     Args:
         rod_w: rod direction, unit vectors (N, 3), world frame.
@@ -115,11 +122,11 @@ def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray
 
 
 def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
-    """Preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
+    """Returns the preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
 
-    This is the skin normal, rotated towards free space: to the person's right, and forwards and upwards for skin that
-    faces up, backwards and downwards for skin that faces down. The share ``in_front`` (N,) rotates this direction to
-    the front, over the lap.
+    This is the skin normal, rotated towards free space on the person's right. For skin that faces up it is also rotated
+    forwards and upwards, for skin that faces down backwards and downwards. The share ``in_front`` (N,) rotates this
+    direction to the front, over the lap.
     """
     xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_HEIGHT) / SIDE_CHANGE_WIDTH)
@@ -133,8 +140,10 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
 
 
 def tip_target_around_limb(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
-    """Next tip position (N, 3) in the limb's frame: the tip moves around the limb above the skin until it is at the
-    itch."""
+    """Returns the next tip position (N, 3) in the limb's frame.
+
+    The tip moves around the limb above the skin until it is at the itch.
+    """
     radius = norm(task_state.itch[:, :2])
     now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, task_state.itch))
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
@@ -149,7 +158,7 @@ def tip_target_around_limb(tool: FloatArray, task_state: ScratchItchState) -> Fl
 
 
 def _turn(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Axis (N, 3) and angle (N,) of the rotation from vectors a to vectors b, (N, 3)."""
+    """Returns axis (N, 3) and angle (N,) of the rotation from vectors a to vectors b, (N, 3)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)
     return axis / namespace(sine).maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))

@@ -18,8 +18,11 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 
 
 class Swing(NamedTuple):
-    """Joint displacements (J,) of the motion to the front, and ranges of the skin normals for which this motion is
-    used, see ``front_share``."""
+    """A swing to the front: a fixed joint-space motion.
+
+    ``displacement`` (J,) are joint displacements. ``inwards`` and ``not_down`` are ranges of the skin normals for which
+    the swing is used, see ``front_share``.
+    """
 
     displacement: tuple[float, ...]
     inwards: Range
@@ -32,19 +35,19 @@ SWINGS = {
 }
 """Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
 SWING_THRESHOLD = 0.5
-"""Share of ``in_front`` above which the arm first swings."""
+"""Value of ``in_front`` above which the arm first swings."""
 SWING_COMPLETE_SHARE = 0.85
-"""Share of the swing after which the swing counts as complete."""
+"""Share of the swing after which the swing is complete."""
 
 
 def memory_expert(episodes: RunningEpisodes) -> Controller:
-    """Expert with a swing to the front for robots in ``SWINGS``; the feedback expert for others."""
+    """Returns the expert with a swing to the front for robots in ``SWINGS``, otherwise the feedback expert."""
     swing = SWINGS.get(episodes.scene.robot.name)
     return FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFront(episodes, swing)
 
 
 class SwingToFront:
-    """Moves the arm in front of the person first. Then acts like the feedback expert."""
+    """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Start at the present poses."""
@@ -69,7 +72,7 @@ class SwingToFront:
         return planner.action_to_joint_positions(joint_positions)
 
     def _swing_progress(self) -> FloatArray:
-        """Completed share (N,) of the swing."""
+        """Returns the completed share (N,) of the swing."""
         displacement = self._way
         return ((self._planner.joint_positions - self._first) * displacement).sum(axis=-1) / (
             displacement * displacement

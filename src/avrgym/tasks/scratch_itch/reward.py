@@ -19,11 +19,15 @@ ITCH_RADIUS_M = 0.025
 MIN_STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
 ITCH_POSITION_RANGE = (0.2, 0.85)
-"""Range of the itch along a limb, as shares of the limb's length. The range excludes the limb's ends, which are inside
-shoulder and elbow."""
+"""Range of the itch along a limb, as shares of the limb's length.
+
+The range excludes the ends of the limb, which are inside shoulder and elbow.
+"""
 ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
-"""Largest angle of the itch around upper arm and forearm, on both sides of the limb's outer side. The range excludes
-the third of the upper arm that faces the torso, where no robot hand fits."""
+"""Largest angle of the itch around upper arm and forearm, on both sides of the limb's outer side.
+
+The range excludes the third of the upper arm that faces the torso. A robot hand does not fit there.
+"""
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -38,7 +42,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class ScratchItchState:
-    """The itch and the scratches so far.
+    """The itch, and the scratches up to the present step.
 
     Attributes:
         limb: index in ``LIMBS`` (N,).
@@ -53,8 +57,10 @@ class ScratchItchState:
 
 
 def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
-    """Create an itch on the upper arm or forearm (equally likely). Its position along and around the limb is uniformly
-    distributed."""
+    """Create an itch on the upper arm or forearm (equally likely).
+
+    Its position along and around the limb is uniformly distributed.
+    """
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
     layout = human.layout_of_people(people)
@@ -103,20 +109,22 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
 
 
 def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
-    """Position of the itch (N, 3); world frame."""
+    """Returns the position (N, 3) of the itch in the world frame."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
 def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
-    """Frame of the limb with the itch, (N, 3) and (N, 4); world frame."""
+    """Returns position (N, 3) and rotation (N, 4) of the limb with the itch, in the world frame."""
     worlds = row_indices(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 
 def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Contact force at the itch (N,) in newtons, and the force-weighted mean contact position (N, 3) in the limb's
-    frame."""
+    """Returns the contact force (N,) at the itch in newtons, and the mean contact position (N, 3) in the limb's frame.
+
+    The mean is weighted by force.
+    """
     xp = namespace(itch_w)
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
     forces = xp.where(near, state.tool_contact_force_n, 0.0)

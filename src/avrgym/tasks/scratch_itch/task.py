@@ -1,4 +1,4 @@
-"""Itch scratching: scene, initial states, observation and the task record."""
+"""Itch scratching: scene, initial states, observation and task."""
 
 from functools import partial
 
@@ -37,25 +37,27 @@ from avrgym.tasks.task import Marks, Task, View, Views
 HAND_OFFSET_M, MOBILE_HAND_OFFSET_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
-"""Initial rotation of the scratcher. The scratcher points 45° upwards to the person's shoulder, past the elbow."""
+"""Initial rotation of the scratcher. It points 45° upwards to the person's shoulder, past the elbow."""
 
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=30.0),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Seated, the right arm spread by 30°, each of its joints within ±10° (paper, section V; reference)."""
+"""Seated, the right arm abducted by 30°, each of its joints within ±10° (paper, section V; reference)."""
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """The scene: a wheelchair without its right armrest; the robot's left arm holds the scratcher."""
+    """Returns the scene: a wheelchair without its right armrest; the robot's left arm holds the scratcher."""
     return placement.wheelchair_scene(
         robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
     )
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Initial states: the robot's hand is within ±5 cm of a point next to the elbow. The goals of the base search are
-    shoulder, elbow and wrist."""
+    """Returns initial states with the robot's hand within ±5 cm of a point next to the elbow.
+
+    The goals of the base search are shoulder, elbow and wrist.
+    """
     place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_pose_in_hand(scene, hand, SCRATCHER_Q_W)
@@ -65,7 +67,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """The observation: scratcher, itch, joints of the robot's arm, positions of the person's arm."""
+    """Returns the observation: scratcher, itch, joints of the robot's arm, positions of the person's arm, tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,
@@ -84,7 +86,7 @@ def observation(scene: SceneConfig) -> Observation:
 
 
 def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
-    """Position of the itch's mark (N, 1, 3); world frame."""
+    """Returns the position (N, 1, 3) of the itch's marker in the world frame."""
     limb_pos_w, limb_q_w = limb_frame(arm, task_state)
     return (limb_pos_w + transforms.rotate(limb_q_w, move_above_sleeve(task_state.itch)))[:, None]
 
