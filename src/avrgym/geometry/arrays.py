@@ -1,4 +1,4 @@
-"""Functions for NumPy arrays and arrays of other libraries (Python array API), such as PyTorch tensors on a GPU.
+"""Functions for NumPy arrays and for arrays of other libraries (Python array API), such as PyTorch tensors on a GPU.
 
 Functions compute with the library of their arguments. With NumPy arrays, results are bit-identical to those of NumPy's
 functions. With other libraries, only ``to_numpy`` copies values to the host: no function branches on values.
@@ -22,7 +22,7 @@ _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
 
 
 def namespace(*values: AnyArray) -> Any:
-    """Returns the array library of the values. It is NumPy if all values are NumPy arrays, numbers or sequences."""
+    """Returns the array library of the values: NumPy if all values are NumPy arrays, numbers or sequences."""
     for value in values:
         if not isinstance(value, _NUMPYS):
             return array_namespace(value)
@@ -30,7 +30,7 @@ def namespace(*values: AnyArray) -> Any:
 
 
 def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
-    """Returns the array library of the values, then each value as a floating-point array of this library.
+    """Returns the array library of the values, followed by each value as a floating-point array of this library.
 
     NumPy values become float64. If one value is an array of another library, all values become arrays of that library.
     """
@@ -41,7 +41,7 @@ def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def constant_like(values: AnyArray, array: AnyArray) -> AnyArray:
-    """Returns constants as an array of the same library and on the same device as ``array``.
+    """Returns constants as an array with the library and the device of ``array``.
 
     Floating-point constants get the data type of ``array``. If ``array`` is a NumPy array, ``values`` are returned
     unchanged. Conversions are cached.
@@ -75,7 +75,7 @@ def to_device_of(values: AnyArray, array: AnyArray) -> AnyArray:
 
 
 def to_numpy(array: AnyArray) -> NumpyArray:
-    """Returns the array as a NumPy array. Waits until the device has computed an array of another library."""
+    """Returns the array as a NumPy array. For other libraries, this waits until the device has computed the array."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
@@ -91,10 +91,10 @@ def row_indices(array: AnyArray) -> AnyArray:
 
 
 def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
-    """Returns index arrays, one per axis, of the elements to compute.
+    """Returns index arrays, one per axis, of the elements that must be computed.
 
-    With NumPy these are the elements for which ``mask`` is true. With other libraries they are all elements, because
-    the number of true elements would have to be copied to the host. The caller must therefore mask the results.
+    With NumPy these are the elements with a true ``mask``. With other libraries they are all elements, because their
+    number would otherwise be copied to the host. The caller must therefore mask the results.
     """
     xp = namespace(mask)
     if xp is np:
@@ -104,11 +104,11 @@ def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
-    """Returns the linear interpolation between two limits: the first limit at share 0, the second at share 1."""
+    """Returns the linear interpolation between two limits: the first limit at share 0, the second limit at share 1."""
     return limits[0] + (limits[1] - limits[0]) * share
 
 
 def choose_index(uniform: FloatArray, count: IntArray | int) -> IntArray:
-    """Map uniform random numbers in [0, 1] to indices from 0 to ``count`` − 1. All indices are equally likely."""
+    """Returns indices from 0 to ``count`` − 1 for uniform random numbers in [0, 1]. All indices are equally likely."""
     xp = namespace(uniform)
     return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)

@@ -15,9 +15,8 @@ from avrgym.geometry.arrays import as_floats, namespace
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
     """Returns the distance (...) in metres between segments a and b, given by their ends (..., 3).
 
-        The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision
-    Detection*, 2005, section 5.1.9). Segments may be points or parallel. The error is at most 1e-8 of the segments'
-    length.
+    The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision Detection*,
+    2005, section 5.1.9). Segments may be points or parallel. The error is at most 1e-8 of the segments' length.
     """
     a0, a1, b0, b1 = _axis_first(a0, a1, b0, b1)
     along_a, along_b, offset = a1 - a0, b1 - b0, a0 - b0
@@ -30,8 +29,10 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
 
 
 def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
-    """Returns the distance (...) in metres of points (..., 3) from segments with the ends ``s0`` and ``s1`` (...,
-    3)."""
+    """Returns the distance (...) in metres of points (..., 3) from segments.
+
+    The ends of the segments are ``s0`` and ``s1`` (..., 3).
+    """
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
     return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
@@ -58,12 +59,12 @@ def segment_box_distance(
 
 
 def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the position (...) along each segment, 0 to 1, that is closest to a box at the origin. Arguments are (3,
-    ...).
+    """Returns the position (...) along each segment, 0 to 1, that is closest to a box at the origin.
 
-    The squared distance is a convex function of the position. Each axis contributes a slope: zero inside the slab of
-    the box, linear outside. The sum of slopes is therefore linear between neighbouring positions at which the segment
-    enters or leaves a slab. One Newton step in the correct interval finds the zero of this sum.
+    Arguments are (3, ...). The squared distance is a convex function of the position. Each axis contributes a slope:
+    zero inside the slab of the box, linear outside. The sum of slopes is therefore linear between neighbouring
+    positions at which the segment enters or leaves a slab. One Newton step in the correct interval finds the zero of
+    this sum.
     """
     xp = namespace(start)
     least = _vanishing(along)
@@ -89,13 +90,15 @@ def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
 
 
 def _vanishing(x: FloatArray) -> float:
-    """Returns the threshold below which a number counts as zero. The inverse of the threshold is finite in x's
-    precision."""
+    """Returns the threshold below which a number is treated as zero.
+
+    The inverse of the threshold is finite in the precision of x.
+    """
     return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
 def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """Clip x to [low, high]. This is faster than ``numpy.clip``."""
+    """Returns x clipped to [low, high]. This is faster than ``numpy.clip``."""
     xp = namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
@@ -110,8 +113,7 @@ def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns the dot product (...) of vectors (3, ...), or for a matrix ``a`` (3, 3, ...) the product aᵀ b (3,
-    ...)."""
+    """Returns the dot product (...) of vectors (3, ...). For a matrix ``a`` (3, 3, ...), it is aᵀ b (3, ...)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

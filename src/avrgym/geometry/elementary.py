@@ -1,11 +1,11 @@
 """Elementary functions with bit-identical results on every processor.
 
-NumPy and BLAS choose an implementation for the processor. Results of these implementations differ in the last bit, and
-contacts amplify this difference to centimetres. The functions here use only sums, products, quotients and square roots
+NumPy and BLAS select an implementation for the processor. The results of these implementations differ in the last bit.
+Contacts amplify this difference to centimetres. The functions here use only sums, products, quotients and square roots
 in a fixed order. IEEE 754 defines their results to the last bit. Arguments are first reduced with constants in several
-parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980); then Taylor series are summed.
+parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980). Then Taylor series are summed.
 
-Arguments are finite float64 or float32 arrays of any shape; results have the same type. Errors are a few units in the
+Arguments are finite float64 or float32 arrays of any shape. Results have the same type. Errors are a few units in the
 last place of 1, or of the result if it is larger than 1. Errors of powers increase with the logarithm of the result.
 For arrays of PyTorch and other libraries, the functions call the functions of that library.
 """
@@ -27,8 +27,7 @@ T = TypeVar("T")
 
 
 def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Returns a decorator. For arrays of other libraries than NumPy, the function calls the library's function
-    ``name``."""
+    """Returns a decorator: for arrays of other libraries than NumPy, the library's function ``name`` is called."""
 
     def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
@@ -46,8 +45,8 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
     """Returns sine and cosine of x in radians.
 
-        Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). Taylor series
-    give the values for a quarter of the angle. Then the double-angle formulas are applied twice.
+    Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). Taylor series give
+    the values for a quarter of the angle. Then the double-angle formulas are applied twice.
     """
     library = namespace(x)
     if library is not np:
@@ -159,7 +158,7 @@ def _number(x: NumpyArray, value: float) -> Any:
 
 
 def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
-    """Returns a polynomial of x by Horner's rule. The first coefficient is that of the highest power."""
+    """Returns the value of a polynomial at x, by Horner's rule. The first coefficient is that of the highest power."""
     total = x * _number(x, coefficients[0])
     for coefficient in coefficients[1:-1]:
         total += _number(x, coefficient)
@@ -185,8 +184,10 @@ _CIRCULAR = {
         _alternating(range(0, 10, 2)),
     ),
 }
-"""By data type: 2π as a sum of parts, and the series of sine and cosine for angles of at most π/4. Products of the
-first parts and a number of revolutions are exact."""
+"""By data type: 2π as a sum of parts, then the series of sine and cosine for angles of at most π/4.
+
+Products of the first parts and a number of revolutions are exact.
+"""
 
 _ARCTANGENTS = np.array(
     [0.0, 0.24497866312686414, 0.4636476090008061, 0.6435011087932844, 0.7853981633974483]
@@ -202,7 +203,8 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 def c_library_fingerprint() -> str:
     """Returns a hash (eight hexadecimal digits) of results of the C library's functions that MuJoCo calls.
 
-    Two computers with different hashes may simulate with different rounding errors."""
+    Two computers with different hashes may simulate with different rounding errors.
+    """
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)
     values = [function(number) for function in functions for number in numbers if number < 700.0]

@@ -1,8 +1,8 @@
 """Kinematics of chains of hinges and slides: forward kinematics, Jacobian, isotropy, inverse kinematics.
 
 Joint positions are in radians for hinges and in metres for slides. ``Chain.units`` makes them comparable. In public
-arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then run along contiguous memory.
-A rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
+arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then use contiguous memory. A
+rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,8 @@ class Chain:
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
         """The chain as J + 1 links, in frames whose z axis is the joint axis. The last link ends at the tip.
 
-        Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix."""
+        Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix.
+        """
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
@@ -83,12 +84,12 @@ def _frame_with_z(axis: FloatArray) -> FloatArray:
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns the product of matrices (3, 3), or of a matrix and a vector (3,). Sums run in column order."""
+    """Returns the product of two matrices (3, 3), or of a matrix and a vector (3,). Terms are added in column order."""
     return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
 def _snapped(values: FloatArray) -> list[Any]:
-    """Round numbers that are close to an integer (0 or ±1) to this integer. This makes products cheap."""
+    """Returns the values. Numbers close to an integer (0 or ±1) are rounded to it, which makes products cheap."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
@@ -173,8 +174,10 @@ def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) 
 
 
 def prepend_slide(chain: Chain, travel_m: float) -> Chain:
-    """Returns the chain with a slide before its first joint: the base moves by up to ± ``travel_m`` along its x
-    axis."""
+    """Returns the chain with a slide before its first joint.
+
+    The slide moves the base by up to ± ``travel_m`` along its x axis.
+    """
     return replace(
         chain,
         pos=np.concatenate([np.zeros((1, 3)), chain.pos]),
@@ -187,8 +190,10 @@ def prepend_slide(chain: Chain, travel_m: float) -> Chain:
 
 
 def reach_m(chain: Chain) -> float:
-    """Returns an upper bound of the distance in metres between the tip and the first joint (a slide at position
-    zero)."""
+    """Returns an upper bound of the distance in metres between the tip and the first joint.
+
+    If the first joint is a slide, it is at position zero.
+    """
     travel = np.zeros((len(chain.pos), 2, 3))
     for slide in chain.slides:
         travel[slide, :, 2] = chain.lower[slide], chain.upper[slide]
@@ -229,12 +234,12 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
 
 
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
-    """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J): 0 at singularities, at most
-    1.
+    """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J).
 
-    It is the geometric mean of the eigenvalues of J W Jᵀ divided by their arithmetic mean, for joints in
-    ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``joint_limit_weights``). Source: Kapusta and
-    Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
+    It is 0 at singularities and at most 1. It is the geometric mean of the eigenvalues of J W Jᵀ divided by their
+    arithmetic mean, for joints in ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
+    diag(``joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy
+    of Kim and Khosla (IROS 1991).
     """
     j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
     square = weighted_square(j, rows_last(joint_limit_weights(chain, joint_positions)))
@@ -246,8 +251,11 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Solution:
-    """Joint positions (N, J) and their residual errors in metres (N,) and radians (N,). Without a target rotation, the
-    rotation error is 0."""
+    """Result of the inverse kinematics.
+
+    ``joint_positions`` (N, J), and the residual errors of position (N,) in metres and rotation (N,) in radians. Without
+    a target rotation, the rotation error is 0.
+    """
 
     joint_positions: FloatArray
     position_error_m: FloatArray
@@ -257,9 +265,9 @@ class Solution:
 MAX_ITERATIONS = 50
 MAX_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
-"""One radian of a rotation error, or of a joint's motion, counts as 0.3 m."""
+"""One radian of a rotation error, or of a joint's motion, is equivalent to 0.3 m."""
 BLOCK_ROWS = 4096
-"""Number of rows that are computed together: many enough to hide NumPy's call overhead, few enough for the cache."""
+"""Number of rows that are computed together. Enough to hide NumPy's call overhead, few enough for the cache."""
 
 
 def inverse_kinematics(
@@ -275,9 +283,9 @@ def inverse_kinematics(
     """Solves the inverse kinematics by damped least squares, within the joint ranges (Wampler, IEEE Trans. SMC 16(1),
     1986).
 
-        The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). A step excludes a
-    joint that it would move beyond a limit, as in projected Newton methods (Bertsekas, SIAM J. Control and Optimization
-    20(2), 1982). A few iterations are enough to follow a moving target from the current positions.
+    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). If a step would move
+    a joint beyond a limit, the step excludes this joint, as in projected Newton methods (Bertsekas, SIAM J. Control and
+    Optimization 20(2), 1982). A few iterations are enough to follow a moving target from the current positions.
 
     Args:
         chain: the arm.
@@ -324,10 +332,10 @@ def inverse_kinematics_with_restarts(
 ) -> FloatArray:
     """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
-        The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint
-    differs by at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``restart_uniforms(J)``) determine
-    them. The result of a row is the first solution with errors below 5 mm and 0.05 rad, otherwise the best solution.
-    Continuous joints are wrapped to ±π.
+    The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs by
+    at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``restart_uniforms(J)``) determine them. The
+    result of a row is the first solution with errors below 5 mm and 0.05 rad, otherwise the best solution. Continuous
+    joints are wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
@@ -348,8 +356,7 @@ def is_accurate(solution: Solution) -> BoolArray:
 
 
 def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """Returns the solutions ``old`` (N rows). A solution in ``new`` replaces its row in ``rows`` if its error is
-    smaller."""
+    """Returns the solutions ``old`` (N rows). A row in ``rows`` is replaced by the one in ``new`` with a smaller error."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
@@ -415,8 +422,7 @@ def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArra
 
 
 def _target(pos: FloatArray, q: FloatArray | None) -> tuple[FloatArray, float]:
-    """Returns the target as position and rotation columns (4, 3, N), and the weight of the rotation in metres per
-    radian."""
+    """Returns the target as position and rotation columns (4, 3, N), and the rotation weight in metres per radian."""
     place = rows_last(pos)[None]
     if q is None:
         return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
@@ -445,8 +451,7 @@ def _step(
 
 
 def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:
-    """Returns weights (J, N): 0 for joints at a limit that ``pull`` would move beyond the limit, 1 for all other
-    joints."""
+    """Returns weights (J, N): 0 for joints at a limit if ``pull`` would move them beyond it, otherwise 1."""
     lower, upper = limits
     stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
     return (~stuck).astype(pull.dtype)

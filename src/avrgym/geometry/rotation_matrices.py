@@ -1,7 +1,7 @@
 """Single rotations as matrices (3, 3). The columns of a matrix are the axes of the rotated frame.
 
-The module ``transforms`` computes with arrays of rotations. For a single rotation, these functions are ten times as
-fast.
+The module ``transforms`` computes with arrays of rotations. For a single rotation, the functions here are ten times
+faster.
 """
 
 from math import atan2, cos, hypot, sin

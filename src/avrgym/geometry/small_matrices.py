@@ -1,7 +1,7 @@
 """Small vectors and matrices for many rows.
 
-The row is the last axis, (..., N): operations then run along contiguous memory. A row's result does not depend on other
-rows, bit for bit.
+The row is the last axis, (..., N): operations then use contiguous memory. A row's result does not depend on other rows,
+bit for bit.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
 MIN_DIVISOR = 1e-30
-"""Number that replaces zero as a divisor."""
+"""Smallest divisor. It replaces zero."""
 
 
 def rows_last(rows_first: FloatArray) -> FloatArray:
@@ -47,8 +47,10 @@ def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[f
 
 
 def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
-    """Returns A W Aᵀ (6, 6, N). ``matrix`` contains the K columns of A (K, 6, N), ``weights`` the diagonal of W (K,
-    N)."""
+    """Returns A W Aᵀ (6, 6, N).
+
+    ``matrix`` contains the K columns of A (K, 6, N), ``weights`` the diagonal of W (K, N).
+    """
     square = np.zeros((6, 6, matrix.shape[-1]), matrix.dtype)
     for column, weight in zip(matrix, weights, strict=True):
         square += (weight * column)[:, None] * column
@@ -61,10 +63,10 @@ def diagonal(matrix: FloatArray) -> FloatArray:
 
 
 def gaussian_elimination(system: FloatArray) -> None:
-    """Apply Gaussian elimination in place to matrices (6, 6 or more, N). The first six columns must be positive
-    semidefinite.
+    """Apply Gaussian elimination in place to matrices (6, 6 or more, N).
 
-    No pivoting is needed. After the elimination, the determinant is the product of the diagonal.
+    The first six columns must be positive semidefinite. No pivoting is needed. After the elimination, the determinant
+    is the product of the diagonal.
     """
     for k in range(5):
         factor = system[k + 1 :, k] / np.maximum(system[k, k], MIN_DIVISOR)
@@ -72,8 +74,10 @@ def gaussian_elimination(system: FloatArray) -> None:
 
 
 def solve_linear(system: FloatArray) -> FloatArray:
-    """Returns the solution (6, N) of linear equations (6, 7, N). The last column is the right side. Changes
-    ``system``."""
+    """Returns the solution (6, N) of linear equations (6, 7, N). The last column is the right side.
+
+    The function changes ``system``.
+    """
     gaussian_elimination(system)
     x = system[:, 6]
     for k in range(5, -1, -1):
@@ -83,7 +87,7 @@ def solve_linear(system: FloatArray) -> FloatArray:
 
 
 def rotation_between(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Returns the rotation vector (3, N) from a rotation to a target; both are given by their columns (3, 3, N)."""
+    """Returns the rotation vector (3, N) from a rotation to a target rotation, given by their columns (3, 3, N)."""
     sine = 0.5 * reduce(np.add, cross(columns, target))
     cosine = 0.5 * (reduce(np.add, reduce(np.add, columns * target)) - 1.0)
     length = norm(sine)

@@ -15,7 +15,7 @@ _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
-    """Returns the quaternion product a ⊗ b, (..., 4): first rotation b, then rotation a."""
+    """Returns the quaternion product a ⊗ b, (..., 4): rotation b, followed by rotation a."""
     _, a, b = as_floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
@@ -62,8 +62,7 @@ def cross(a: AnyArray, b: AnyArray) -> FloatArray:
 
 
 def from_axis_angle(axis: AnyArray, angle_rad: AnyArray) -> FloatArray:
-    """Returns the quaternion (..., 4) of the rotation by ``angle_rad`` (...) about the unit vector ``axis`` (...,
-    3)."""
+    """Returns the quaternion (..., 4) of a rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3)."""
     _, axis, angle_rad = as_floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
@@ -165,7 +164,10 @@ def _components(v: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _joined(*components: FloatArray) -> FloatArray:
-    """Inverse of ``_components``; faster than ``numpy.stack`` for few vectors."""
+    """Returns vectors with these components, the inverse of ``_components``.
+
+    For a few vectors this is faster than ``numpy.stack``.
+    """
     xp = namespace(*components)
     if xp is not np:
         return xp.stack(components, axis=-1)

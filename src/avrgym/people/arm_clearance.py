@@ -18,19 +18,19 @@ from avrgym.models.task_frame import TaskFrame, X
 
 @dataclass(frozen=True)
 class Boxes:
-    """B boxes, the same for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
+    """B boxes in the world frame: centres (B, 3), orientations (B, 4) and half edges (B, 3)."""
 
     pos_w: FloatArray
     q_w: FloatArray
     half_size_m: FloatArray
 
     def in_frame(self, frame: TaskFrame) -> "Boxes":
-        """Returns the boxes of the world frame in another frame."""
+        """Returns the boxes, converted from the world frame to another frame."""
         return Boxes(frame.points(self.pos_w), frame.rotations(self.q_w, X), self.half_size_m)
 
 
 CONNECTED_PAIRS = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
-"""Pairs of neighbouring capsules. They overlap in every pose with a hanging arm."""
+"""Pairs of neighbouring capsules. They overlap in every pose in which the arm hangs down."""
 
 CHECKED_PAIRS = tuple(
     (part, other)
@@ -82,15 +82,15 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
 
 
 def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
-    """Returns the smallest distance (N,) in metres between the right arm and the body or furniture.
+    """Returns the smallest distance (N,) in metres of the right arm from the body or furniture; negative for an
+    overlap.
 
-    The distance is negative if they overlap. It does not decrease further once an axis intersects another axis or a
-    box.
+    If an axis intersects another axis or a box, deeper overlaps do not decrease the distance further.
 
     Args:
         segments_w: capsule axes (N, G, 2, 3), in the order of ``human.GEOMS``.
         radii_m: capsule radii (N, G).
-        furniture: further obstacles, or None.
+        furniture: additional obstacles, or None.
     """
     xp, first, second = (
         namespace(segments_w),

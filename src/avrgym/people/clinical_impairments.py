@@ -1,19 +1,19 @@
 """Clinical impairments of simulated people: spasticity, hemiparesis, spinal cord injury, ataxia and dyskinesia.
 
-Each parameter has a value for the mildest and one for the most severe impairment; values between them are interpolated.
+Each parameter has a value for the mildest and one for the most severe impairment. Values between them are interpolated.
 Values without a source are plausible assumptions.
 
 - *Spasticity*, modified Ashworth scale 1 to 3 (Bohannon and Smith, Phys. Ther. 67:206, 1987). The damping of the elbow
-  rises with this scale (McCrea et al., J. Neurosci. Methods 128:121, 2003). A stretch at 100°/s is resisted with 0.5 to
-  4 N m at the elbow (assumption). Many people with spastic paresis do not reach 120°/s or even 30°/s at shoulder and
-  elbow (Kim et al., J. Neurol. Phys. Ther. 29, 2005); these are the limits of speed.
-- *Hemiparesis*: one arm is weak, slow and moves less far, in all segments alike (Beebe and Lang, Stroke 40:1772, 2009).
-  Peak torques of the affected arm are reduced at shoulder, elbow and wrist (McCrea et al., Muscle Nerve 28:46, 2003).
-  The shares are assumptions. Head and trunk are unaffected.
+  increases with this scale (McCrea et al., J. Neurosci. Methods 128:121, 2003). The elbow resists a stretch at 100°/s
+  with 0.5 to 4 N m (assumption). Many people with spastic paresis do not reach 120°/s or even 30°/s at shoulder and
+  elbow (Kim et al., J. Neurol. Phys. Ther. 29, 2005). These are the limits of speed.
+- *Hemiparesis*: one arm is weak and slow. Its range of motion is reduced, in all segments alike (Beebe and Lang, Stroke
+  40:1772, 2009). Peak torques of the affected arm are reduced at shoulder, elbow and wrist (McCrea et al., Muscle Nerve
+  28:46, 2003). The shares are assumptions. Head and trunk are unaffected.
 - *Spinal cord injury*, complete, by neurological level. Key muscles (ISNCSCI: Rupp et al., Top. Spinal Cord Inj.
   Rehabil. 27(2):1, 2021): C5 elbow flexors, C6 wrist extensors, C7 elbow extensors. At the level a key muscle has at
-  least grade 3, above it grade 5. The trunk and joints below the level are not driven, the head is not affected. People
-  with C5 abduct the shoulder, flex it a little, and supinate.
+  least grade 3, above it grade 5. The trunk and joints below the level have no voluntary control. The head is not
+  affected. People with C5 abduct the shoulder, flex it a little, and supinate.
 - *Ataxia*: movements overshoot at all joints (Topka et al., Exp. Brain Res. 119:483, 1998), by 10 to 45 % of a step
   (assumption). Intention tremor is slower than 5 Hz and largest near the goal (Deuschl et al., Mov. Disord. 13(S3):2,
   1998). Amplitudes are assumptions.
@@ -33,20 +33,27 @@ from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, uni
 from avrgym.people.population_names import SEVERITIES, Impairment
 
 RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
-"""Resistance of a spastic elbow, and the speed of the stretch."""
+"""Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
 SPASTIC_MOBILITY = (1.0, 0.6)
 """Executed share of the commanded motion of spastic arms."""
 AFFECTED_SPEED_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
 PASSIVE_SHARE = 0.05
-"""Torque of joints without voluntary control, as a share of the healthy torque: passive tissue, backrest and armrests
-(assumption)."""
+"""Torque of joints without voluntary control, as a share of the healthy torque.
+
+Passive tissue, backrest and armrests cause this torque (assumption).
+"""
 GRADE_3_SHARE = 0.25
-"""Torque of muscles of grade 3, as a share of the healthy torque. They hold the limb against gravity; grade 3 is far
-below half of the full torque (MacAvoy and Green, J. Hand Surg. Eur. 32:149, 2007). The value is an assumption."""
+"""Torque of muscles of grade 3, as a share of the healthy torque (assumption).
+
+These muscles hold the limb against gravity. Grade 3 is far below half of the full torque (MacAvoy and Green, J. Hand
+Surg. Eur. 32:149, 2007).
+"""
 DAMPING_RATIO = (0.59, 0.25)
-"""Damping ratio ζ of ataxic joints. Damping ratio ζ of ataxic joints. A step overshoots by exp(−π ζ / √(1 − ζ²)): 10
-and 45 %."""
+"""Damping ratio ζ of ataxic joints.
+
+A step overshoots by exp(−π ζ / √(1 − ζ²)): 10 and 45 %.
+"""
 INTENTION_TREMOR_HZ = (3.0, 4.5)
 INTENTION_TREMOR_DEG: Mapping[str, tuple[float, float]] = {
     "torso": (0.3, 1.5), "head": (0.5, 3.0), "arm": (1.0, 6.0),
@@ -70,14 +77,16 @@ _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     },
     {},  # C4
 )  # fmt: skip
-"""Driven joints of each arm by level: mobility, and torque shares towards the lower and the upper limit. The elbow
-flexes towards its lower limit. Gravity extends it. Shares of the shoulder and all mobilities are assumptions."""
+"""Controlled joints of each arm by level: mobility, then torque shares towards the lower and the upper limit.
+
+The elbow flexes towards its lower limit. Gravity extends it. Shares of the shoulder and all mobilities are assumptions.
+"""
 
 
 def sample_motor_signs(impairment: Impairment, uniforms: FloatArray) -> MotorSigns:
-    """Sample the motor signs of n people with a clinical impairment from uniform random numbers (n, 1 + 20).
+    """Sample the motor signs of n people with a clinical impairment, from uniform random numbers (n, 1 + 20).
 
-    If the impairment has no severity in its name, all severities are equally likely.
+    If the name of the impairment contains no severity, all severities are equally likely.
     """
     name, _, grade = impairment.partition(":")
     severity, grades = uniforms[:, 0], SEVERITIES[name]
@@ -94,7 +103,7 @@ def _by_joint(share: FloatArray, low_high: tuple[float, float], factors: FloatAr
 def _affected(
     share: FloatArray, low_high: tuple[float, float], joints: FloatArray, other: float
 ) -> FloatArray:
-    """Returns values (n, 20): interpolated for the joints of the mask (20,), ``other`` for the others."""
+    """Returns values (n, 20): interpolated for the joints of the mask (20,), ``other`` for other joints."""
     xp = namespace(share)
     return xp.where(constant_like(joints, share), interpolate(low_high, share)[:, None], other)
 

@@ -22,11 +22,14 @@ from avrgym.people import motor
 from avrgym.people.motor import MotorState
 
 OfferedPart = Literal["mouth", "arm", "left_arm", "nothing"]
-"""Body parts: ``arm`` is the right arm. People hold the left arm still until they execute actions."""
+"""Body part that people move towards the tool. ``arm`` is the right arm.
+
+People hold the left arm still until they execute actions.
+"""
 
 
 class PersonObservation(Protocol):
-    """Observation of N people: the part of ``simulation.state.State`` that they perceive. World frame, metres."""
+    """Observation of N people: the fields of ``simulation.state.State`` that they perceive. World frame, metres."""
 
     @property
     def tool_pos_w(self) -> FloatArray:
@@ -53,7 +56,7 @@ NUM_UNIFORMS = 6
 """Number of uniform random numbers for the behaviour parameters of one person."""
 
 STORED_TOOL_POSITIONS = 5
-"""Number of stored tool positions, one for each control step."""
+"""Number of stored tool positions: one for each of the latest control steps."""
 REACTION_STEPS = (2, 4)
 """Range of the reaction delay, in control steps."""
 FACING_SHARE = (0.3, 0.7)
@@ -66,7 +69,7 @@ NEAR_MOUTH_M, LEAN_RAD = 0.30, float(np.radians(10.0))
 NEAR_ARM_M, LIFT_RAD = 0.40, float(np.radians(8.0))
 HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_FACTOR_RANGE = (0.82, 1.18)
-"""Range of speed and acceleration relative to the limits of ``people.motor``, as for cooperating zoo partners."""
+"""Range of speed and acceleration, relative to the limits of ``people.motor``; as for cooperating zoo partners."""
 
 OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
@@ -74,7 +77,7 @@ OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "left_arm": tuple(name for name in JOINTS if name.startswith("left_")),
     "nothing": (),
 }
-"""Joints that move the offered body part towards the tool."""
+"""Names of the joints that move the offered body part towards the tool."""
 
 _WAIST_X = JOINT_INDEX["waist_x"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
@@ -134,7 +137,7 @@ def choose_goals(
     offered: OfferedPart,
     posture: Posture,
 ) -> tuple[CooperationState, FloatArray]:
-    """Returns the next state and the people's goal joint angles (N, 20), from an observation of the tool.
+    """Returns the next state and the people's goal joint angles (N, 20), given an observation of the tool.
 
     ``goals_rad`` (N, 20) are the previous goals. They do not change for joints that have no reason to move.
     """
@@ -177,8 +180,7 @@ def _mouth_goals(
     tool_w: FloatArray,
     posture: Posture,
 ) -> FloatArray:
-    """Returns goals (N, 20) that turn the face to the tool, and lean towards a tool that is near and in
-    front."""
+    """Returns goals (N, 20) that turn the face to the tool. The waist leans towards a tool that is near and in front."""
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
@@ -204,14 +206,16 @@ def _arm_goals(
 
 
 def to_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
-    """Transform offsets (N, 3) from the world frame to the torso frame. In the torso frame, −y points forwards."""
+    """Returns offsets (N, 3), converted from the world frame to the torso frame. There, −y points forwards."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
 def head_angles_toward(ahead: FloatArray) -> FloatArray:
-    """Returns head joint angles (N, 3) that turn the face to points. ``ahead`` (N, 3) is the offset of each point from
-    the head, in the torso frame."""
+    """Returns head joint angles (N, 3) that turn the face to points.
+
+    ``ahead`` (N, 3) are the offsets of the points from the head, in the torso frame.
+    """
     xp = namespace(ahead)
     facing = xp.zeros_like(ahead)
     facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MAX_POSE_ATTEMPTS = 8
 NUM_UNIFORMS = 2 + MAX_POSE_ATTEMPTS * len(JOINTS)
-"""Number of uniform random numbers for one person: sex, torso height, and all samples of a pose."""
+"""Number of uniform random numbers for one person: sex, torso height, and all sampled poses."""
 
 
 JointRanges = Mapping[str, tuple[float, float]]
@@ -39,11 +39,11 @@ JointRanges = Mapping[str, tuple[float, float]]
 class Distribution:
     """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and bodies.
 
-    People move if ``cooperating`` is true or ``partners`` of the zoo are given, see ``people.cooperation`` and
+    People move if ``cooperating`` is true or if ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
     They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for ``people.motion_version_1``.
-    Bodies are those of ``people.measured_bodies`` if ``measured`` is true; the ranges of torso height are then those of
-    its people.
+    If ``measured_bodies`` is true, bodies are sampled by ``people.measured_bodies``. The torso height ranges are then
+    those of its people.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -61,7 +61,7 @@ class Distribution:
         return self.cooperating or self.partners is not None
 
     def pose_for_task(self, task: str, default: "Pose") -> "Pose":
-        """Returns the initial pose in a task: the task's ``default`` pose, changed by ``poses``."""
+        """Returns the initial pose in a task: the pose ``default`` of the task, changed by ``poses``."""
         rest_rad, spread_rad = default.rest_rad.copy(), default.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
@@ -88,14 +88,20 @@ NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = _NAMED | {
     for name, distribution in _NAMED.items()
     for version in MOTION_VERSIONS
 }
-"""All named distributions, including single styles of the zoo such as ``zoo/train/startled``, and versions of their
-motion such as ``participants@1``. Names without a version have the newest."""
+"""All named distributions.
+
+They include single styles of the zoo, such as ``zoo/train/startled``, and versions of the motion, such as
+``participants@1``. Names without a version use the newest version.
+"""
 
 ARM_CLEARANCE_M = 0.01
 """Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
 
 ARMREST_HALF_WIDTH_M, ARMREST_RAISE_RAD = 0.248, float(np.radians(30.0))
-"""Half the width between the wheelchair's armrests, with their padding, and the raise of arms that lie on them."""
+"""Half the distance between the wheelchair's armrests, with their padding.
+
+The second value is the abduction of arms that lie on the armrests.
+"""
 
 RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
@@ -118,7 +124,7 @@ class Pose:
 
 
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
-    """Returns the distribution with this name or from this people file. A file may contain poses for any of ``tasks``.
+    """Returns the distribution with this name, or of this people file. A file may contain poses for any of ``tasks``.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -139,7 +145,7 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
 
 
 def distribution_of(people: "PeopleFile") -> Distribution:
-    """Returns the distribution that a people file describes."""
+    """Returns the distribution that a people file defines."""
     heights = people.torso_height_m
     partners = sample_fitted_partners(people.behaviour) if people.behaviour else None
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses, partners)
@@ -148,7 +154,7 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 def sample_people(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
-    """Sample n people from uniform numbers (n, ``NUM_UNIFORMS``). Man and woman are equally likely.
+    """Sample n people from uniform numbers (n, ``NUM_UNIFORMS``). Both sexes are equally likely.
 
     A random arm pose is rejected if it violates the shoulder limits, or if the arm is within 1 cm of body or furniture.
     If all ``MAX_POSE_ATTEMPTS`` poses are rejected, the last pose is used, with the shoulders clipped to their limits.
@@ -173,8 +179,10 @@ def sample_people(
 
 
 def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatArray:
-    """Returns the poses (n, ``MAX_POSE_ATTEMPTS``, 20). Seated people who are wider than the space between the armrests
-    have both upper arms raised sideways, by at least ``ARMREST_RAISE_RAD``."""
+    """Returns the poses (n, ``MAX_POSE_ATTEMPTS``, 20), changed for seated people who are too wide for the armrests.
+
+    Both upper arms of these people are abducted by at least ``ARMREST_RAISE_RAD``.
+    """
     if posture.hips_pos_w is not None:
         return poses
     xp, p = namespace(poses), human.layout_of_people(people, posture).proportions
@@ -191,8 +199,7 @@ def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatAr
 def _resample_crowded_poses(
     people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
 ) -> People:
-    """Returns the people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that is allowed, see
-    ``sample_people``."""
+    """Returns the people in the first allowed pose of (n, ``MAX_POSE_ATTEMPTS``, 20), see ``sample_people``."""
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):

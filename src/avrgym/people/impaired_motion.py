@@ -1,4 +1,4 @@
-"""Motion of people with clinical impairments: it changes the joint targets that a behaviour model computes.
+"""Motion of people with clinical impairments: changes the joint targets that a behaviour model computes.
 
 The executed angles follow the commanded targets. Spastic and paretic joints move slowly and less far. Ataxic joints
 overshoot and tremble near the goal. Dyskinesia adds slow involuntary motion. Paralysed joints do not move.
@@ -14,17 +14,25 @@ from avrgym.geometry import elementary
 from avrgym.geometry.arrays import namespace
 
 UNLIMITED_SPEED_RAD_S = 1e3
-"""Speed limit of joints without an impairment."""
+"""Speed limit of joints without an impairment. It has no effect."""
 NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
-"""Natural frequency of ataxic joints (assumption). After a ramp they overshoot in proportion to its speed. Hypermetria
-increases with speed in the same way (Topka et al., Exp. Brain Res. 119:483, 1998)."""
+"""Natural frequency of ataxic joints (assumption).
+
+After a ramp they overshoot in proportion to its speed. Hypermetria increases with speed in the same way (Topka et al.,
+Exp. Brain Res. 119:483, 1998).
+"""
 EFFORT_DECAY_S, EFFORT_RAD, TERMINAL_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
-"""Intention tremor (assumptions): movements of the last second by more than 5° cause at least half of the amplitude;
-half of the amplitude remains while the target moves at 0.2 rad/s."""
+"""Parameters of the intention tremor (assumptions).
+
+If the goal moved by more than 5° in the last second, the amplitude is at least half of its maximum. It is halved while
+the target moves at 0.2 rad/s.
+"""
 DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)
-"""Dyskinesia is a sum of three sinusoids: slower than 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196,
-2000: 1 to 3 Hz), and slower than voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and
-weights are assumptions."""
+"""Dyskinesia is a sum of three sinusoids.
+
+It is slower than 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196, 2000: 1 to 3 Hz), and slower than
+voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and weights are assumptions.
+"""
 ONSET_S = 1.0
 """Time until dyskinesia reaches its full amplitude."""
 INTEGRATION_STEP_S = 0.01
@@ -32,14 +40,14 @@ INTEGRATION_STEP_S = 0.01
 
 @dataclass(frozen=True)
 class MotorSigns:
-    """Motor signs of N people, per joint.
+    """Motor signs of N people, by joint.
 
     Attributes:
         mobility: executed share of the commanded displacement from the initial pose (N, 20).
         torque_share: see ``People`` (N, 20, 2).
         damping_n_m_s: see ``People`` (N, 20).
         speed_rad_s: maximum speed of the executed motion (N, 20).
-        damping_ratio: below 1, the joint overshoots as a second-order system with this ratio (N, 20).
+        damping_ratio: damping ratio (N, 20). Below 1, the joint overshoots as a second-order system.
         intention_tremor_rad: largest amplitude of the intention tremor (N, 20).
         dyskinesia_rad: largest involuntary displacement (N, 20).
         tremor_hz: frequency of the intention tremor (N,).
@@ -63,10 +71,10 @@ class ImpairedState:
 
     Attributes:
         executed_rad: executed joint angles without tremor and dyskinesia (N, 20).
-        speed_rad_s: their speeds (N, 20).
-        goal_rad: the previous goal (N, 20).
-        effort_rad: motion of the goal during about the last second (N, 20).
-        time_s: time since the start (N,).
+        speed_rad_s: speeds of these angles (N, 20).
+        goal_rad: the previous goal angles (N, 20).
+        effort_rad: distance that the goal angles moved during about the last second (N, 20).
+        time_s: time since the start of the episode (N,).
     """
 
     executed_rad: FloatArray
@@ -77,7 +85,7 @@ class ImpairedState:
 
 
 def unimpaired_signs(phase: FloatArray) -> MotorSigns:
-    """Returns the motor symptoms of n people without impairments. ``phase`` (n, 20): random numbers in [0, 1)."""
+    """Returns the motor signs of n people without impairments. ``phase`` (n, 20) are random numbers in [0, 1)."""
     xp = namespace(phase)
     none, full = xp.zeros_like(phase), xp.ones_like(phase)
     return MotorSigns(
@@ -106,9 +114,9 @@ def step(
     rest_rad: FloatArray,
     step_s: float,
 ) -> tuple[ImpairedState, FloatArray]:
-    """Returns the state after ``step_s``, and the executed joint angles (N, 20), before joint limits.
+    """Returns the state after ``step_s``, and the executed joint angles (N, 20) without joint limits.
 
-    ``targets_rad`` (N, 20) are the commanded targets, ``rest_rad`` (N, 20) the initial pose.
+    ``targets_rad`` (N, 20) are the commanded targets, ``rest_rad`` (N, 20) is the initial pose.
     """
     xp = namespace(targets_rad)
     goal = rest_rad + signs.mobility * (targets_rad - rest_rad)
@@ -129,8 +137,10 @@ def step(
 def _follow(
     signs: MotorSigns, state: ImpairedState, goal: FloatArray, step_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns executed angles and speeds (N, 20). Ataxic joints are second-order systems; other joints reach the goal
-    immediately, within their maximum speed."""
+    """Returns executed angles and speeds (N, 20).
+
+    Ataxic joints are second-order systems. Other joints reach the goal immediately, within their maximum speed.
+    """
     xp, ataxic = namespace(goal), signs.damping_ratio < 1.0
     substeps = max(1, round(step_s / INTEGRATION_STEP_S))
     substep_s = step_s / substeps

@@ -23,14 +23,16 @@ Assistive Gym takes five physics steps (``frame_skip``). In each step the motor 
 twentieth (``motor_gains``).
 """
 TREMOR_AMPLITUDE_RATIO = _STEP_RESPONSE / (2.0 - _STEP_RESPONSE)
-"""Amplitude a of the joint divided by that of its alternating target, about 1/8: 2 a = ``_STEP_RESPONSE`` (target +
-a)."""
+"""Amplitude a of the joint divided by the amplitude of its alternating target, about 1/8.
+
+It is the solution of 2 a = ``_STEP_RESPONSE`` (target + a).
+"""
 TREMOR_RAD = TREMOR_AMPLITUDE_RATIO * TREMOR_TARGET_RAD
 """Largest tremor amplitude: head ±2.5°, arms ±1.3°."""
 
 
 def find_impairment(name: str) -> Impairment:
-    """Returns ``name`` if it is an impairment.
+    """Returns ``name`` if an impairment with this name exists.
 
     Raises:
         ValueError: for an unknown name or severity. The message lists the impairments.
@@ -42,21 +44,22 @@ def find_impairment(name: str) -> Impairment:
 
 
 def is_clinical(impairment: Impairment) -> bool:
-    """Whether the motion of people with this impairment follows ``people.impaired_motion``."""
+    """Returns whether ``people.impaired_motion`` computes the motion of people with this impairment."""
     return impairment.partition(":")[0] in SEVERITIES
 
 
 def needs_joints(impairment: Impairment) -> bool:
-    """Whether the impairment has an effect only on people who have movable joints."""
+    """Returns whether the impairment has an effect only on people with movable joints."""
     return impairment in ("weakness", "tremor") or is_clinical(impairment)
 
 
 def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArray) -> People:
-    """Returns people with an impairment. Its extent is sampled from uniform numbers (n, ``NUM_UNIFORMS``).
+    """Returns people with an impairment. Its severity is sampled from uniform numbers (n, ``NUM_UNIFORMS``).
 
     - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
     - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
-    - ``tremor``: amplitudes are sampled between 0 and ``TREMOR_RAD``. A larger own tremor of the person remains.
+    - ``tremor``: amplitudes are sampled between 0 and ``TREMOR_RAD``. If the person already has a larger tremor, it
+      does not change.
     - A clinical impairment: torques by joint and direction, and damping, see ``people.clinical_impairments``.
     """
     if impairment == "limits":
@@ -74,7 +77,7 @@ def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArra
 
 
 def limit_joint_ranges(people: People, share: FloatArray) -> People:
-    """Returns people with joint ranges limited to a share (n,) of the full ranges, and the pose clipped to them."""
+    """Returns people whose joint ranges are a share (n,) of the full ranges. The pose is clipped to these ranges."""
     limited = replace(people, range_share=share)
     return replace(limited, joint_angles_rad=clip_to_ranges(limited, people.joint_angles_rad))
 

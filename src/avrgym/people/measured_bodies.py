@@ -9,9 +9,9 @@ Natick/TR-15/007, 2014). The tables below are percentiles and least-squares regr
 - body mass index: uniform from 17 (moderate thinness) to 40 (obesity class III; WHO Technical Report Series 894, 2000).
   It covers the range, not the prevalence. In ANSUR II the index does not correlate with stature (r = 0.00 and 0.06).
 
-Torso height and arm length scale with sitting height and arm, relative to their medians. Legs scale with the torso.
-Soldiers are younger than most people who need assistance: old people are a few centimetres shorter, and bodies change
-shape with age.
+Torso height is proportional to sitting height, and arm length to the measured arm, relative to their medians. Legs
+scale with the torso. Soldiers are younger than most people who need assistance. Old people are a few centimetres
+shorter, and bodies change shape with age.
 """
 
 from collections.abc import Mapping
@@ -32,8 +32,11 @@ Percentiles = tuple[float, float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class Survey:
-    """Measures of one sex in metres: percentiles, regressions (intercept, then slopes), and percentiles of their
-    residuals. The medians of sitting height and arm are those of all measured people."""
+    """Measures of one sex in metres: percentiles, regressions and percentiles of their residuals.
+
+    A regression is the intercept, followed by the slopes. The medians of sitting height and arm are those of all
+    measured people of this sex.
+    """
 
     stature: Percentiles
     sitting_height: tuple[float, float]
@@ -67,7 +70,7 @@ ANSUR_II: Mapping[Sex, Survey] = {
 
 
 class Bodies(NamedTuple):
-    """Measures of n people, (n,) each; see ``Person``."""
+    """Body measures of n people, (n,) each; see ``Person``."""
 
     torso_height_m: FloatArray
     arm_scale: FloatArray
@@ -109,7 +112,7 @@ def _two_uniforms(uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _quantile(table: Percentiles, uniform: FloatArray) -> FloatArray:
-    """Returns values between the 5th and the 95th percentile for uniform numbers (n,), piecewise linear."""
+    """Returns values between the 5th and the 95th percentile for uniform numbers (n,), by linear interpolation."""
     xp = namespace(uniform)
     share = 0.01 * (PERCENTILES[0] + (PERCENTILES[-1] - PERCENTILES[0]) * uniform)
     value = table[0] + 0.0 * uniform

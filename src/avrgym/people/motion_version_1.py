@@ -1,7 +1,8 @@
 """Version 1 of the motion of simulated people, for comparison: joint targets change once in 0.1 s.
 
-People whose name ends with ``@1``, such as ``participants@1``, move so. Targets of participants jump to the next pose.
-Those of zoo partners are interpolated; they have limited acceleration, sway, chewing and alternating tremor.
+Populations with the suffix ``@1``, such as ``participants@1``, use this version. Targets of participants jump to the
+next pose. Targets of zoo partners are interpolated. They have limited acceleration, sway, chewing and alternating
+tremor.
 """
 
 from dataclasses import replace
@@ -41,7 +42,7 @@ def step_participants(
     offered: OfferedPart,
     posture: Posture,
 ) -> tuple[CooperationState, FloatArray]:
-    """Returns the next state of people, and the joint targets (N, 20). People without ``observation`` do not react."""
+    """Returns the next state of people, and the joint targets (N, 20). Without ``observation``, people do not react."""
     state = cooperation.advance_time(state)
     targets = state.targets_rad + _tremor_direction(state.time_s) * people.tremor_rad
     if observation is not None:
@@ -69,13 +70,13 @@ def step_partners(
 
 
 def _tremor_direction(time_s: FloatArray) -> FloatArray:
-    """The sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (2020 reference)."""
+    """Returns the sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (2020 reference)."""
     odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]
 
 
 def _sway_rad(state: CooperationState) -> FloatArray:
-    """Returns the sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
+    """Returns the sway of the joints (N, 20): the waist moves forwards, backwards and sideways."""
     xp = namespace(state.targets_rad)
     angle = 2.0 * np.pi * state.sway_hz * state.time_s
     phase = state.phase_rad[:, :2].T
@@ -100,13 +101,15 @@ def _oscillation_rad(state: PartnerState) -> FloatArray:
 
 
 def _onset_share(state: PartnerState) -> FloatArray:
-    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It grows from 0 to 1."""
+    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It increases from 0 to 1."""
     return namespace(state.time_s).minimum(state.time_s / ONSET_S, 1.0)
 
 
 def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
-    """Returns the state with targets moved towards the desired angles. Their speeds decrease early enough to stop
-    there."""
+    """Returns the state with targets moved towards the desired angles.
+
+    Their speeds decrease early enough to stop at these angles.
+    """
     xp, parameters = namespace(desired), BehaviourParameters.from_table(state.parameters)
     startled = (state.since_startle_s <= parameters.startle_duration_s)[:, None]
     speed_factor = parameters.speed_share[:, None]

@@ -1,22 +1,22 @@
 """Motor model of simulated people: computes joint targets at 100 Hz from goal joint angles.
 
-Behaviour models choose goals at 10 Hz, from observations that are one reaction delay old. The equilibrium
-point of each joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint
-target follows it as a critically damped second-order system. Its speed is bell-shaped and never overshoots. It is never
-faster than the equilibrium point, and its acceleration never exceeds its limit, even when a movement reverses.
+Behaviour models choose goals at 10 Hz, from observations that are one reaction delay old. The equilibrium point of each
+joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint target follows it
+as a critically damped second-order system. Its speed is bell-shaped and never overshoots. It is never faster than the
+equilibrium point. Its acceleration never exceeds its limit, even if a movement reverses.
 
 Limits of unhurried people:
 
-- head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s; the acceleration is a quarter of that of
+- head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s. The acceleration is a quarter of that of
   running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988). In walking, hopping and running, heads turn
   with up to 3.2 rad/s (Pozzo et al., Prog. Brain Res. 80:377, 1989);
-- arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass have 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
+- arms 0.8 rad/s and 3.5 rad/s². People who reach for a glass move at 1.2 rad/s: 0.66 m/s with an arm of 0.55 m (de los
   Reyes-Guzmán et al., J. NeuroEng. Rehabil. 7:41, 2010). The acceleration is that of such a reach in 1.04 s with
   minimum jerk (Flash and Hogan, J. Neurosci. 5:1688, 1985);
 - waist 0.35 rad/s and 2 rad/s²: our assumption. After a sudden push the trunk's voluntary flexion peaks at 5.9 rad/s²
   (J. Med. Eng. 2013:915428).
 
-Startled people turn the head with at most 3 rad/s and 30 rad/s²; vigorous head turns reach 13.6 rad/s at 2.6 Hz
+Startled people turn the head with at most 3 rad/s and 30 rad/s². Vigorous head turns reach 13.6 rad/s at 2.6 Hz
 (Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
 
 Added to the movements are:
@@ -25,9 +25,10 @@ Added to the movements are:
   394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). Its share, 10 %, is our assumption;
 - sway of the waist and motion of the head with the jaw, with the amplitudes of the behaviour model;
 - physiological tremor of 8 to 12 Hz. Accelerations of outstretched hands peak at 0.0015 to 0.035 g, most often at 0.01
-  g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g; the joint's
-  servo passes 30 % of it. The head turns by the same angle: our assumption;
-- tremor of people with this impairment, by default at 5 Hz as in Assistive Gym, whose targets alternate every 0.1 s.
+  g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g. The joint's
+  servo transmits 30 % of it. The head turns by the same angle: our assumption;
+- tremor of people with this impairment. By default its frequency is 5 Hz, as in Assistive Gym, where targets alternate
+  every 0.1 s.
 """
 
 import math
@@ -49,9 +50,9 @@ ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) 
 STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
 """Factors that multiply speed and acceleration while people are startled."""
 NOISE_SHARE, NOISE_HZ = 0.1, (0.7, 1.3, 2.1)
-"""Standard deviation of the speed's noise as a share of the speed, and its frequencies."""
+"""Standard deviation of the speed noise as a share of the speed, and frequencies of the noise."""
 USUAL_SPEED_SHARE = 1.0 / (1.0 + NOISE_SHARE * math.sqrt(2.0 * len(NOISE_HZ)))
-"""Speed without noise as a share of the speed limit. The largest noise reaches the limit."""
+"""Speed without noise as a share of the speed limit. With the largest noise, the speed reaches the limit."""
 ONSET_S = 1.0
 """Time until sway, jaw motion and tremor reach their full amplitude."""
 MAX_ONSET_RATE_PER_S = 1.875 / ONSET_S
@@ -64,10 +65,11 @@ GOLDEN_RATIO_FRACTION = 0.6180339887498949
 
 
 def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray:
-    """Share (20,) of the distance to the equilibrium point that each of two first-order systems covers in 10 ms.
+    """Returns the filter gain (20,) of each of two first-order filters in 10 ms.
 
-    A critically damped system with the natural frequency w, whose input reverses between the speeds −v and v, has a
-    largest acceleration of 2 w v / e.
+    The gain is the share of the distance to the equilibrium point that a filter covers. The input of a critically
+    damped system with natural frequency w may reverse between the speeds −v and v. The largest acceleration is then 2 w
+    v / e.
     """
     frequency_rad_s = 0.5 * math.e * acceleration_factor * ACCELERATION_RAD_S2 / (speed_factor * SPEED_RAD_S)
     return frequency_rad_s * PHYSICS_STEP_S / (1.0 + frequency_rad_s * PHYSICS_STEP_S)
@@ -75,7 +77,7 @@ def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray
 
 _FOLLOW = _follow_share(1.0, 1.0)
 STARTLED_FOLLOW = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
-"""Share (20,) of the distance that joints of startled people cover in 10 ms, see ``_follow_share``."""
+"""Filter gain (20,) of joints of startled people in 10 ms, see ``_follow_share``."""
 _WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
 _PHYSIOLOGICAL = np.array(
     [1.0 if name in ("head_x", "right_elbow_x", "left_elbow_x") else 0.0 for name in JOINTS]
@@ -89,7 +91,7 @@ _NOISE_PHASE = (
 
 @dataclass(frozen=True)
 class Rhythms:
-    """Rhythmic motion of N people, (N,) each, ``sway_phase_rad`` (N, 2).
+    """Rhythmic motion of N people, arrays (N,); ``sway_phase_rad`` is (N, 2).
 
     ``sway_rad`` is the amplitude of the waist's sway, ``jaw_rad`` that of the head's motion with the jaw. Physiological
     tremor has the amplitude ``physiological_tremor_rad`` and the frequency ``physiological_tremor_hz``.
@@ -111,13 +113,14 @@ class MotorState:
     Attributes:
         goal_rad: goal joint angles (N, 20).
         equilibrium_rad: equilibrium points (N, 20).
-        filtered_rad, angles_rad: outputs (N, 20) of two first-order filters in series that follow the equilibrium
-        points.
+        filtered_rad, angles_rad: outputs (N, 20) of two first-order filters in series. Their input is the equilibrium
+            points.
         max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20).
         filter_gain: share of the remaining distance that a filter covers in 10 ms (N, 20).
         speed_factor: speed and acceleration relative to the limits (N,).
         noise_phase_rad: phases of the noise (N, 3).
-        wave_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of waves.
+        wave_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of rhythmic
+            motion.
         time_s: time since the start of the episode (N,).
     """
 
@@ -136,7 +139,7 @@ class MotorState:
 
 
 def derive_uniforms(uniforms: FloatArray) -> FloatArray:
-    """Derive further uniform random numbers, 0 to 1, of the same shape: the bits after the first 13 bits."""
+    """Returns other uniform random numbers in [0, 1] of the same shape: the bits after the first 13 bits."""
     scaled = 8192.0 * uniforms
     return scaled - namespace(scaled).floor(scaled)
 
@@ -149,7 +152,10 @@ def sample_rhythms(
     jaw_hz: FloatArray,
     uniforms: FloatArray,
 ) -> Rhythms:
-    """Returns rhythms with the given sway and jaw motion. Samples physiological tremor from uniform numbers (N, 2)."""
+    """Returns rhythms with the given sway and jaw motion.
+
+    Physiological tremor is sampled from uniform numbers (N, 2).
+    """
     low, high = PHYSIOLOGICAL_TREMOR_G
     acceleration_m_s2 = (
         GRAVITY_M_S2 * low * elementary.power(high / low + 0.0 * uniforms[:, 0], uniforms[:, 0])
@@ -171,10 +177,10 @@ def initial_state(
 
     Args:
         people: N people.
-        rhythms: their rhythms; ``None``: people without rhythmic motion except for the tremor of ``people``.
+        rhythms: their rhythms; ``None``: no rhythmic motion except for the tremor in ``people``.
         speed_factor: speed and acceleration relative to the limits (N,).
-        noise_uniforms: uniform numbers (N, 3) that choose the noise.
-        tremor_hz: frequency of the tremor of ``people`` (N,).
+        noise_uniforms: uniform numbers (N, 3) that determine the noise.
+        tremor_hz: frequency of the tremor in ``people`` (N,).
     """
     angles = people.joint_angles_rad
     xp, none, nothing = namespace(angles), 0.0 * speed_factor, 0.0 * angles
@@ -209,7 +215,7 @@ def initial_state(
 
 
 def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
-    """Returns the state with new goals (N, 20). ``startled`` is a mask (N,) of people who move immediately and fast."""
+    """Returns the state with new goals (N, 20). People in the mask ``startled`` (N,) move immediately and fast."""
     xp, speed = namespace(goal_rad), constant_like(SPEED_RAD_S, goal_rad)
     factor, filter_gain = state.speed_factor, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
@@ -225,8 +231,10 @@ def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None
 
 
 def _noise(state: MotorState) -> FloatArray:
-    """Returns noise (N, 20) with variance 1 and frequencies below 3 Hz: a sum of sines with random phases (Shinozuka
-    and Deodatis, Appl. Mech. Rev. 44:191, 1991)."""
+    """Returns noise (N, 20) with variance 1 and frequencies below 3 Hz.
+
+    It is a sum of sines with random phases (Shinozuka and Deodatis, Appl. Mech. Rev. 44:191, 1991).
+    """
     total = 0.0 * state.goal_rad
     for number, frequency_hz in enumerate(NOISE_HZ):
         angle = 2.0 * np.pi * frequency_hz * state.time_s + state.noise_phase_rad[:, number]
@@ -272,7 +280,7 @@ def next_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatAr
 
 
 def _onset(time_s: FloatArray) -> FloatArray:
-    """Returns the amplitude of rhythms as a share of the full one. It grows with minimum jerk."""
+    """Returns the amplitude of rhythms as a share of the full amplitude. It increases with minimum jerk."""
     share = namespace(time_s).minimum(time_s / ONSET_S, 1.0)
     return share * share * share * (10.0 + share * (6.0 * share - 15.0))
 

@@ -1,7 +1,7 @@
-"""People files: TOML written by ``avrgym fit-people``. They can be edited by hand.
+"""People files: TOML files written by ``avrgym fit-people``. Users may edit them.
 
-Joint ranges are in degrees. A joint without a range keeps the pose of the task. Files may also contain the behaviour of
-participants.
+Joint ranges are in degrees. For a joint without a range, the pose of the task applies. Files may also contain the
+behaviour of participants.
 """
 
 import tomllib
@@ -27,7 +27,7 @@ class PeopleFileError(ValueError):
 
 
 class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study from whose participants the ranges were computed."""
+    """The study whose participants determined the ranges."""
 
     study: str
     men: int
@@ -55,9 +55,9 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         cooperating: whether people move towards the tool, see ``people.cooperation``.
         torso_height_m: ranges of torso height of men and women.
         poses: lowest and highest joint angle in degrees, by task and joint.
-        source: the study; ``None`` for a file made by hand.
+        source: the study; ``None`` for a file that was not fitted to a study.
         behaviour: for each participant, estimates of ``BehaviourParameters``. A sampled person behaves like one of the
-            participants. Without estimates, people behave as ``cooperating`` describes.
+            participants. Without estimates, ``cooperating`` determines the behaviour.
     """
 
     cooperating: bool
@@ -68,7 +68,7 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
-    """Read and return a people file. It may contain poses for any of ``tasks``.
+    """Read a people file. It may contain poses for any of ``tasks``.
 
     Raises:
         PeopleFileError: for an invalid value.
@@ -83,7 +83,11 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
 
 
 def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
-    """Parse the text of a people file. Raises ``PeopleFileError`` with a message that begins with ``name``."""
+    """Parse the text of a people file. The messages of errors begin with ``name``.
+
+    Raises:
+        PeopleFileError: for an invalid value.
+    """
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -138,5 +142,5 @@ def _range_mistakes(place: str, found: Any, limits: ValueRange, unit: str) -> It
 
 
 def _are_numbers(found: Any) -> bool:
-    """Whether a value is an array of two numbers."""
+    """Returns whether a value is an array of two numbers."""
     return is_array(found) and len(found) == 2 and all(isinstance(n, int | float) for n in found)

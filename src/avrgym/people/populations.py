@@ -1,4 +1,4 @@
-"""Populations of simulated people for training, evaluation and live views.
+"""Populations of simulated people for training, evaluation and live sessions.
 
 A population is either a distribution of bodies with a behaviour model, or one trained human (human-robot co-training).
 The policy file of a trained human has the same format as that of a robot.
@@ -27,8 +27,8 @@ HUMAN_FILE = "human.safetensors"
 class Population:
     """A population: a distribution of bodies and behaviour, a default impairment, and the policy of a trained human.
 
-    ``name`` is the name of the distribution or the path of the file. ``trained`` is the learned policy that moves a
-    trained human.
+    ``name`` is the name of the distribution or the path of the file. ``trained`` is the policy that moves a trained
+    human.
     """
 
     name: str
@@ -42,9 +42,9 @@ class Population:
 
 
 def is_trained_human(name_or_path: str) -> bool:
-    """Whether a value of ``--people`` refers to trained humans: a policy file, or a folder of policy files.
+    """Returns whether a value of ``--people`` is a policy file or a folder of policy files of trained humans.
 
-    A path that ends with / counts as a folder, even if the folder no longer exists.
+    A path that ends with / is a folder, even if the folder no longer exists.
     """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return False
@@ -52,14 +52,14 @@ def is_trained_human(name_or_path: str) -> bool:
 
 
 def population_label(name_or_path: str) -> str:
-    """Returns a name for display. It does not contain the folder of a file."""
+    """Returns a name for display. For a file, it does not contain the folder."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained_human(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
-    """Returns the populations for a value of ``--people``: one, or one for each trained human in a folder.
+    """Returns the populations for a value of ``--people``. A folder contains one for each trained human.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -78,8 +78,9 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
 
 
 def human_files(folder: Path) -> list[Path]:
-    """Returns the files of trained humans in a folder and in the training folders inside it. Robot policies are
-    ignored.
+    """Returns the policy files of trained humans in a folder and in the training folders inside it.
+
+    Robot policies are ignored.
 
     Raises:
         PolicyError: for a damaged file.
@@ -89,7 +90,7 @@ def human_files(folder: Path) -> list[Path]:
 
 
 def people_for_workers(name_or_path: str) -> TransferredFile:
-    """Returns the people with the contents of their files, for worker processes without access to the files."""
+    """Returns the people with the contents of their files. Worker processes may have no access to the files."""
     if is_trained_human(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)
@@ -114,7 +115,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
 
 
 class TrainedHumans:
-    """Runs trained human policies in N worlds."""
+    """Runs the policies of trained humans in N worlds."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
         """Prepare N ``worlds``. All worlds use the first policy until ``reset``."""
@@ -123,14 +124,16 @@ class TrainedHumans:
         self._noise = [random_streams.trained_human_noise_generator(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
-        """Start episodes in worlds ``ids`` (n,) with the policies of index ``humans`` (n,). ``uniforms`` (n,) seed the
-        action noise."""
+        """Start episodes in worlds ``ids`` (n,). ``humans`` (n,) are the indices of their policies.
+
+        ``uniforms`` (n,) are the seeds of the action noise.
+        """
         self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
             self._noise[world] = random_streams.trained_human_noise_generator(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
-        """Returns actions (N, K) for observations (N, O)."""
+        """Returns the actions (N, K) for observations (N, O)."""
         actions = np.zeros((len(observations), self._trained[0].action_size))
         for number, policy in enumerate(self._trained):
             rows = np.nonzero(self._human == number)[0]

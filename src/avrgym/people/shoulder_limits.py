@@ -35,7 +35,7 @@ _PER_DEGREE = 180.0 / np.pi
 
 
 def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
-    """Returns whether both shoulders of each pose (..., 20) are within their limits; boolean (...)."""
+    """Returns a boolean mask (...) of poses (..., 20) in which both shoulders are within their limits."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
         _lies_in(abduction, ABDUCTION_RAD)
@@ -48,7 +48,7 @@ def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
 def clip(joint_angles_rad: FloatArray) -> FloatArray:
     """Returns poses (..., 20) with both shoulders clipped to their limits.
 
-    Abduction is clipped first, then flexion given the abduction, then rotation given both. Other joints do not change.
+    Abduction is clipped first, then flexion for this abduction, then rotation for both. Other joints do not change.
     """
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     xp = namespace(abduction)
@@ -63,12 +63,12 @@ def clip(joint_angles_rad: FloatArray) -> FloatArray:
 
 
 def flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns lower and upper limit of shoulder flexion for abductions of any shape."""
+    """Returns the lower and the upper limit of shoulder flexion for abductions of any shape."""
     return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
 def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns lower and upper limit of external rotation, restricted to the joint's range; any shape."""
+    """Returns the lower and the upper limit of external rotation, within the joint's range, for angles of any shape."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
     internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product

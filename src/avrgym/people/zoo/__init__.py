@@ -1,2 +1,4 @@
-"""The zoo: partner populations with several behaviour styles. Partners of a style differ in delay, amplitude and
-tempo."""
+"""The zoo: populations of partners with several behaviour styles.
+
+Partners of a style differ in delay, amplitude and tempo.
+"""

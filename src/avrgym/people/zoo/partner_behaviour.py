@@ -52,7 +52,7 @@ class PartnerState:
         targets_rad: joint targets without rhythmic motion (N, 20).
         speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
         time_s: time since the start of the episode (N,).
-        near_s: time since the tool came near; 0 if the tool is not near (N,).
+        tool_near_s: time since the tool came near; 0 if the tool is not near (N,).
         since_startle_s: time since the latest startle (N,).
         startle_count: number of startles (N,).
     """
@@ -70,8 +70,11 @@ class PartnerState:
 
 
 class _ToolPercept(NamedTuple):
-    """The perceived tool: whether people perceive it (N,), the head angles that face it (N, 3), its distance from the
-    offered body part (N,), and its side, 1 for left and −1 for right (N,)."""
+    """The tool as N people perceive it.
+
+    ``aware`` (N,): whether they perceive it. ``facing_rad`` (N, 3): head angles that face it. ``gap_m`` (N,): its
+    distance from the offered body part. ``side`` (N,): 1 for left, −1 for right.
+    """
 
     aware: BoolArray
     facing_rad: FloatArray
@@ -80,8 +83,10 @@ class _ToolPercept(NamedTuple):
 
 
 def initial_state(people: People, parameters: BehaviourParameters, uniforms: FloatArray) -> PartnerState:
-    """Returns the initial state of n partners with the bodies of ``people`` and these ``parameters``, arrays (n,).
-    ``uniforms`` (n, 4) are random numbers; with them, partners with equal parameters differ."""
+    """Returns the initial state of n partners with the bodies of ``people`` and ``parameters``, arrays (n,).
+
+    ``uniforms`` (n, 4) are random numbers. They make partners with equal parameters different.
+    """
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
@@ -103,7 +108,7 @@ def initial_state(people: People, parameters: BehaviourParameters, uniforms: Flo
 def choose_goals(
     state: PartnerState, observation: PersonObservation, offered: OfferedPart, posture: Posture
 ) -> tuple[PartnerState, FloatArray]:
-    """Returns the next state and the goal joint angles (N, 20) of partners, from an observation of the tool.
+    """Returns the next state and the goal joint angles (N, 20) of partners, given an observation of the tool.
 
     The goals are not yet limited to joint ranges and speeds.
     """
@@ -118,7 +123,7 @@ def choose_goals(
 
 
 def are_startled(state: PartnerState) -> BoolArray:
-    """Returns a mask (N,) of the partners that are startled."""
+    """Returns a mask (N,) of the startled partners."""
     return state.since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
 
 
@@ -140,7 +145,7 @@ def motor_state(state: PartnerState, people: People) -> MotorState:
 
 
 def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
-    """Returns targets (N, 20) after the motion of the K ``joints`` in one control step.
+    """Returns the targets (N, 20) after the K ``joints`` have moved for one control step.
 
     ``action`` (N, K) is the joint speed divided by ``SPEED_RAD_S``, clipped to ±1.
     """
@@ -158,7 +163,7 @@ def _perceive_tool(
     offered: OfferedPart,
     posture: Posture,
 ) -> _ToolPercept:
-    """Returns the perceived tool: the tool one reaction delay ago, interpolated between two stored positions."""
+    """Returns the perceived tool. Its position is one reaction delay old, interpolated between two stored positions."""
     xp = namespace(state.time_s)
     back = parameters.reaction_s / CONTROL_STEP_S
     whole = xp.astype(back, xp.int64)
@@ -181,7 +186,7 @@ def _perceive_tool(
 def _update_startle(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
 ) -> PartnerState:
-    """Returns the state with updated times of nearness and startles."""
+    """Returns the state with updated times of a near tool and of startles."""
     xp = namespace(percept.gap_m)
     near = percept.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
     startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_distance_m)
@@ -197,7 +202,7 @@ def _update_startle(
 def _desired_angles(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
 ) -> FloatArray:
-    """Returns the desired joint angles (N, 20), before limits of range and speed."""
+    """Returns the desired joint angles (N, 20), without limits of range and speed."""
     desired = float_copy(state.rest_rad)
     xp, most, head = namespace(desired), constant_like(HEAD_TURN_RAD, desired), constant_like(_HEAD, desired)
     faced = xp.clip(parameters.facing_share[:, None] * percept.facing_rad, -most, most)
@@ -274,6 +279,6 @@ def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatAr
 
 
 def _uniform(first: FloatArray, count: FloatArray) -> FloatArray:
-    """Returns pseudo-random numbers (N,) in 0..1 for the event numbers ``count`` (N,)."""
+    """Returns pseudo-random numbers (N,) in 0..1 for events with the numbers ``count`` (N,)."""
     value = first + GOLDEN_RATIO_FRACTION * count
     return value - namespace(value).floor(value)

@@ -1,9 +1,9 @@
 """Partners of the zoo: each style has one partner for each combination of levels on its axes.
 
-A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``; the held-out
+A partner of the zoo is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``. The held-out
 populations are ``zoo/unseen`` and ``zoo/extreme``. On every axis the values of ``zoo/unseen`` are between the training
-values, and no value is in both populations. Those of ``zoo/extreme`` are outside their range: slower and faster,
-smaller and larger. Fitted populations have their own partners, see ``sample_fitted_partners``.
+values, and no value is in both populations. The values of ``zoo/extreme`` are outside the range of the training values:
+slower and faster, smaller and larger. Fitted populations have their own partners, see ``sample_fitted_partners``.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -28,7 +28,7 @@ STYLE_LEVELS: Mapping[str, tuple[float, ...]] = {
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
     EXTREME_ZOO: (-0.4, 1.4),
 }
-"""Levels on each axis of a style, by zoo: 0 selects the first value of each range, 1 the last value."""
+"""Levels on each axis of a style, by zoo. Level 0 is the first value of each range, level 1 the last value."""
 PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.1, 0.95),
     "facing_share": (0.0, 1.0),
@@ -40,7 +40,7 @@ PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "strength_share": (0.1, 1.0),
     "range_share": (0.2, 1.0),
 }
-"""Possible values of parameters; of all others, 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
+"""Bounds of parameters; for other parameters 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
 ANY_VALUE = (0.0, np.inf)
 
 
@@ -92,7 +92,7 @@ class BehaviourParameters:
     range_share: FloatArray
 
     def of(self, rows: IntArray, like: Any = 0.0) -> "BehaviourParameters":
-        """Returns the parameters of the partners ``rows``, as arrays of the same library and device as ``like``."""
+        """Returns the parameters of the partners ``rows``, with the array library and device of ``like``."""
         return BehaviourParameters(*(constant_like(array, like)[rows] for array in vars(self).values()))
 
     @classmethod
@@ -118,7 +118,7 @@ _DEFAULTS: Mapping[str, float] = {
 
 
 class Partner(NamedTuple):
-    """A partner: its zoo, style, and level (0 to 1) on each axis."""
+    """A partner of the zoo: its zoo, its style, and its level on each axis."""
 
     zoo: str
     style: str
@@ -148,7 +148,7 @@ PARTNERS = _partners()
 
 
 def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
-    """Returns the parameters of partners from their values by name. Missing values are the defaults."""
+    """Returns the parameters of partners, given values by name. Missing values are the defaults."""
     return BehaviourParameters(
         *(
             np.array([each.get(trait, _DEFAULTS.get(trait, 0.0)) for each in values], float)
@@ -163,9 +163,10 @@ PARTNER_PARAMETERS = parameters_of([_style_values(STYLES[each.style], each.level
 
 @dataclass(frozen=True, eq=False)
 class PartnerSet:
-    """Partners to sample from. A group is drawn first, then a partner of this group.
+    """A set of partners. To sample a partner, a group is sampled first, then a partner of this group.
 
-    ``groups`` are the first partner and the number of partners of each group. In the zoo, a group is a style.
+    ``groups`` contains the row of the first partner and the number of partners of each group. In the zoo, a group is a
+    style.
     """
 
     parameters: BehaviourParameters
@@ -175,7 +176,7 @@ class PartnerSet:
         return sum(count for _, count in self.groups)
 
     def draw_rows(self, uniforms: FloatArray) -> IntArray:
-        """Sample n partners from uniform numbers (n, 2). Returns their rows in ``parameters`` (n,)."""
+        """Sample n partners from uniform numbers (n, 2). Returns their rows (n,) in ``parameters``."""
         first, count = (constant_like(each, uniforms) for each in np.array(self.groups).T.copy())
         group = choose_index(uniforms[:, 0], len(self.groups))
         return first[group] + choose_index(uniforms[:, 1], count[group])
@@ -186,16 +187,16 @@ class PartnerSet:
 
 
 FITTED_PARTNERS = 512
-"""Number of sampled partners of a fitted population."""
+"""Number of partners that are sampled for a fitted population."""
 
 
 def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]]) -> PartnerSet:
-    """Returns partners who are like n participants.
+    """Returns partners that behave like n participants.
 
     Args:
-        estimates: means and standard deviations of each participant's parameters. Each partner is like one participant,
-            with normally distributed parameters, clipped to ``PARAMETER_BOUNDS``. Parameters without estimate are the
-            defaults.
+        estimates: means and standard deviations of each participant's parameters. Each partner behaves like one
+            participant. Its parameters are normally distributed and clipped to ``PARAMETER_BOUNDS``. Parameters without
+            an estimate have their default values.
     """
     random = random_streams.fitted_partner_generator()
     normal = random.standard_normal((FITTED_PARTNERS, len(PARAMETER_NAMES)))
@@ -212,7 +213,7 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
 
 
 def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
-    """Returns all partners of some styles of a zoo."""
+    """Returns all partners of the given styles of a zoo."""
     places = [
         [row for row, partner in enumerate(PARTNERS) if (partner.zoo, partner.style) == (zoo, style)]
         for style in styles

@@ -1,4 +1,4 @@
-"""Behaviour styles of the zoo: description, parameter ranges and their sources.
+"""Behaviour styles of the zoo: descriptions, parameter ranges and their sources.
 
 A style has at most three axes: delay, amplitude and tempo. Along an axis, some ``BehaviourParameters`` change from a
 first to a last value. All other parameters have their default values.
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 Ranges = Mapping[str, tuple[float, float]]
-"""First and last value on an axis, by parameter name."""
+"""First and last value of each parameter on an axis, by parameter name."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Style:
 
     @property
     def axes(self) -> tuple[Ranges, ...]:
-        """Delay, amplitude and tempo."""
+        """The parameter ranges of the three axes: delay, amplitude and tempo."""
         return self.delay, self.amplitude, self.tempo
 
 
