@@ -107,7 +107,7 @@ def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served) -> 
         socket.send(messages.encode(Command("end")))
         assert received(socket, Problem).message == "caregivers may send robot commands only"
         socket.send(messages.encode(WatcherRobotCommand("stop", "experimenter", 0.0)))
-        assert "the source of this page's commands is caregiver" in received(socket, Problem).message
+        assert "the source of commands from this page must be caregiver" in received(socket, Problem).message
     assert served.request("GET", "/overview", token).status_code == 401
     assert served.request("GET", "/care/items", sessions.links.link or "").status_code == 401
     items = served.request("GET", "/care/items", token).json()

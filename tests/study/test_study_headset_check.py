@@ -74,7 +74,9 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
         assert [session.headset for session in store.sessions(pseudonym)] == [CHECK]
         told = [each.detail for each in store.events() if each.name == "headset checked"]
         assert "No-go. Your head jitters at rest by 4.0 mm" in told[0]
-        assert told[1].startswith("Go: the headset is ready. 72 frames a second of 72; 0.2 % dropped")
+        assert told[1].startswith(
+            "Go: the headset is ready. 72 frames per second (display: 72); 0.2 % dropped"
+        )
         assert not store.database.faults()
         write_without_figures(analyse(store), store.folder, tmp_path / "out")
     page = (tmp_path / "out/report/index.html").read_text()

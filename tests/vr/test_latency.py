@@ -74,7 +74,9 @@ def test_latency_with_gaps_is_refused_in_words_and_nothing_else_happens(tmp_path
     visit.send(msgspec.structs.replace(told(10), up_ms=[1.0]))
     visit.tick(25)
     assert visit.phase == "trial"
-    assert visit.problems == ["a latency needs an entry of each stage for each frame"]
+    assert visit.problems == [
+        "the latency message is incomplete; it needs one entry per frame for each stage"
+    ]
     assert visit.received(Status)[-1].latency == []
 
 

@@ -100,7 +100,7 @@ export interface CommandLabel {
   label: string;
 }
 
-/** Something that the participant can select: the value of its button, and its label. */
+/** A button or another object that the participant can select: its value and its label. */
 export interface Target {
   value: number;
   label: string;
@@ -231,7 +231,7 @@ export interface ChooseBody {
   skin_tone: string;
 }
 
-/** The targets that the participant can select now, for the experimenter who selects for them.
+/** The targets that the participant can select now. The experimenter may select one for the participant.
  *
  * `number` increases with each offer. An offer without targets ends the previous one. */
 export interface Offered {
@@ -291,7 +291,7 @@ export interface ChooseParticipantBody {
   skin_tone: string;
 }
 
-/** The experimenter selects a target for the participant. `number` is that of the offer. */
+/** The experimenter selects a target for the participant. `number` is the number of the offer. */
 export interface Press {
   type: "press";
   number: number;
@@ -325,7 +325,7 @@ export interface SceneWatched {
 
 export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | Drive | WatcherRobotCommand | SceneWatched;
 
-/** The connection is accepted in a role. `haptics` and `sounds`: feedback enabled by the session plan. */
+/** The connection is accepted in a role. `haptics` and `sounds`: feedback that the session plan enables. */
 export interface Welcome {
   type: "welcome";
   protocol: number;
@@ -382,10 +382,11 @@ export interface Pressed {
 /** A scene to display: the address of a GLB whose nodes have `extras.body`, and the pose of the world.
  *
  * `xr_from_world` is the pose of the z-up world frame in `local-floor`; apply it to the root node. `bodies`:
- * the order of the poses in later state messages. There, the positions of the `marks` on the person come after the
- * bodies. All marks have the same radius and colour (RGB in [0, 1]). The first-person view hides `head_bodies`. Its
- * viewpoint is `eyes`, in the frame of the first head body (x left, −y forward, z up). `skeleton`: the
- * participant's body dimensions. Names of the participant's bodies begin with `person/`. */
+ * the order of the poses in later state messages. `marks`: number of spheres on the person that show the targets of
+ * the task. In state messages, their positions come after the bodies. All have the same radius and colour (RGB in
+ * [0, 1]). The first-person view hides `head_bodies`. Its viewpoint is `eyes`, in the frame of the first head body
+ * (x left, −y forward, z up). `skeleton`: the participant's body dimensions. Names of the participant's bodies begin
+ * with `person/`. */
 export interface Scene {
   type: "scene";
   url: string;
@@ -449,8 +450,9 @@ export interface StateChange {
 
 /** The phase of the session, with the text for the participant.
  *
- * `text` is for VR with a trigger. If other texts differ, `texts_by_input` contains those for other kinds of
- * input, and `page_text` contains that for the page without a headset. `key`: the key of the text. */
+ * `trial`: number of the running or next trial, from 1. `trials`: number of trials. `seconds`: time limit.
+ * `text` is for VR with a trigger. If other texts differ, `texts_by_input` contains the texts for other input
+ * methods, and `page_text` the text for the page without a headset. `key`: the key of the text. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -466,8 +468,10 @@ export interface Phase {
 
 /** A questionnaire item.
  *
- * `low` and `high`: texts at the ends of the scale. `labels`: texts of the buttons; by default the buttons are
- * numbered from 1 to `points`. `previous_answer`: the answer before the participant went back, if any. */
+ * `item`: its identifier. `points`: number of points of the scale. `low`, `high`: texts at the ends of the
+ * scale. `labels`: texts of the buttons; default: numbers from 1 to `points`. `number`: position in the
+ * questionnaire, from 1. `count`: number of items. `previous_answer`: the answer before the participant went back,
+ * if any. */
 export interface Question {
   type: "question";
   item: string;
@@ -483,8 +487,8 @@ export interface Question {
 
 /** An error in a message or a measurement, with the allowed values. The session continues.
  *
- * `message` is for VR with a trigger. If other texts differ, `page_message` contains that for the page without a
- * headset, and `messages_by_input` contains those for other kinds of input. `role`: the role that receives the
+ * `message` is for VR with a trigger. If other texts differ, `page_message` contains the text for the page without
+ * a headset, and `messages_by_input` the texts for other input methods. `role`: the role that receives the
  * problem. The experimenter receives all problems. */
 export interface Problem {
   type: "problem";
@@ -494,10 +498,11 @@ export interface Problem {
   messages_by_input: Record<string, string>;
 }
 
-/** The robot commands that are possible now; without `commands`, none. Sent when a field changes.
+/** The robot commands that are possible now; an empty list if none are. Sent when a field changes.
  *
- * `sources`: the allowed sources. `mode`: what the pacing layer does, see `avrgym.safety.pacing`; empty without
- * the layer. `speed_factor`: factor of the policy's speed. `distance_m`: distance at which the robot waits. */
+ * `sources`: the allowed sources. `mode`: the mode of the pacing layer, see `avrgym.safety.pacing`; empty
+ * without the layer. `speed_factor`: factor of the policy's speed. `distance_m`: distance at which the robot
+ * waits. */
 export interface RobotCommands {
   type: "robot_commands";
   commands: CommandLabel[];
@@ -509,8 +514,8 @@ export interface RobotCommands {
 
 /** Haptic and acoustic feedback for one control step.
  *
- * `left_touched` and `right_touched`: whether robot or tool touch this arm, including the hand. `events`: the
- * number of bites or drops in the mouth, wiped markers, or scratches. */
+ * `left_touched`, `right_touched`: whether robot or tool touch this arm or hand. `events`: the number of task
+ * successes in this step: bites or drops in the mouth, wiped targets, or scratches. */
 export interface Feedback {
   type: "feedback";
   left_touched: boolean;
@@ -520,17 +525,20 @@ export interface Feedback {
 
 /** The status of the session, several times a second, for watchers only.
  *
- * `step`: number of control steps of the attempt. `reward`: the sum of their rewards. `success`: whether the
- * attempt has succeeded until now. Distance and force are those of
- * the latest step. `force_region`: the body region with the highest force relative to its limit; `force_share`:
- * this ratio; empty and 0 without contact. `retracting`: the force guard moves the robot. `withdrawing`: the robot
- * withdraws its tool after success, or has withdrawn it. `tracking_age_s`: time since the newest valid frame.
- * `untracked_parts` have stale poses. If one of them is in `needed_parts`, the robot holds still, and the attempt
- * ends after a second.
- * `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without an action.
- * `pause_reason`: the answer that triggered a stop rule, or empty. `latency`: recent latencies from
- * tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices. `headset_s`: the
- * participant's time in VR, and its limit. `break_is_due`: a break follows before the next trial. */
+ * `step`: number of control steps of the attempt. `steps`: number of control steps of a complete trial.
+ * `reward`: the sum of rewards. `success`: whether the attempt has succeeded until now. `distance_m` and
+ * `force_on_person_n` are values of the latest step. `force_region`: the body region with the highest force
+ * relative to its limit. `force_share`: this ratio. They are empty and 0 without contact.
+ *
+ * `retracting`: the force guard moves the robot. `withdrawing`: the robot withdraws its tool after success, or has
+ * withdrawn it. `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without
+ * an action. `paused`: no trial may start. `pause_reason`: the answer that met a stop rule, or empty.
+ *
+ * `tracking_age_s`: time since the newest valid frame. `untracked_parts`: parts of the body with stale poses. If
+ * one of them is in `needed_parts`, the robot holds still, and the attempt ends after a second. `latency`: recent
+ * latencies from tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices.
+ * `headset_s`: the participant's time in VR. `headset_limit_s`: its limit. `break_is_due`: a break follows
+ * before the next trial. */
 export interface Status {
   type: "status";
   phase: PhaseName;

@@ -1,4 +1,4 @@
-"""Evaluates a headset check: whether a session may begin, and otherwise the remedies.
+"""Evaluates the measurements of a headset check. Reports whether a session may begin, or the faults and remedies.
 
 The limits are design choices. A display below 60 Hz flickers. Dropped frames are visible, and many people do not
 tolerate 5 % for half an hour. Jitter above the limits means that tracking is disturbed.
@@ -56,14 +56,14 @@ def measurement_text(check: HeadsetCheck) -> str:
     total = check.latency_ms.get("total_ms")
     return "; ".join(
         [
-            f"{check.frame_rate_hz:.0f} frames a second" + _of_display(check.display_hz),
+            f"{check.frame_rate_hz:.0f} frames per second" + _of_display(check.display_hz),
             f"{100.0 * check.dropped_share:.1f} % dropped",
             "latency not measured"
             if total is None
-            else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(check)})",
+            else f"latency: median {total['p50']:.0f} ms, 95th percentile {total['p95']:.0f} ms ({_stages(check)})",
             *(_part_text(name, part) for name, part in _parts(check)),
-            f"buzz {_felt(check.haptics, 'felt')}, chime {_felt(check.sound, 'heard')}",
-            *([] if check.stop is None else [f"stop tried with: {check.stop}{_after(check.stop_after_s)}"]),
+            f"vibration {_felt(check.haptics, 'felt')}, chime {_felt(check.sound, 'heard')}",
+            *([] if check.stop is None else [f"stop tested with: {check.stop}{_after(check.stop_after_s)}"]),
         ]
     )
 
@@ -78,7 +78,7 @@ def _in_a_row(said: Sequence[Text]) -> Text:
 
 
 def _of_display(display_hz: float | None) -> str:
-    return "" if display_hz is None else f" of {display_hz:.0f}"
+    return "" if display_hz is None else f" (display: {display_hz:.0f})"
 
 
 def _stages(check: HeadsetCheck) -> str:

@@ -1,4 +1,4 @@
-"""Latency from pose to picture: percentiles over recorded frames, for each stage and in total."""
+"""Latency from tracking to display: percentiles over recorded frames, for each stage and in total."""
 
 from collections.abc import Sequence
 
@@ -14,10 +14,10 @@ STAGE_LABELS = {
     "down_ms": "down",
     "draw_ms": "drawing",
 }
-"""Labels of the stages, in order."""
+"""Labels of the stages between tracking and display, in order."""
 STAGES = tuple(STAGE_LABELS)
 TOTAL = "total_ms"
-"""Name of the total latency from pose to picture."""
+"""Key of the total latency from tracking to display."""
 SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 

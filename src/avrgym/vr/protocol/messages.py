@@ -25,6 +25,7 @@ from avrgym.recording.presentation import PanelPosition as PanelPosition
 from avrgym.recording.presentation import Presentation as Presentation
 
 PROTOCOL = 15
+"""Version of the protocol. Client and server must have the same version."""
 
 TICK_S = PHYSICS_STEP_S
 """Period of the real-time loop."""
@@ -206,14 +207,14 @@ class ChooseBody(Message, frozen=True, tag="choose_body"):
 
 
 class Target(msgspec.Struct, frozen=True):
-    """Something that the participant can select: the value of its button, and its label."""
+    """A button or another object that the participant can select: its value and its label."""
 
     value: int
     label: Annotated[str, msgspec.Meta(max_length=256)]
 
 
 class Offered(Message, frozen=True, tag="offered"):
-    """The targets that the participant can select now, for the experimenter who selects for them.
+    """The targets that the participant can select now. The experimenter may select one for the participant.
 
     ``number`` increases with each offer. An offer without targets ends the previous one.
     """
@@ -312,7 +313,7 @@ class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
 
 
 class Press(Message, frozen=True, tag="press"):
-    """The experimenter selects a target for the participant. ``number`` is that of the offer."""
+    """The experimenter selects a target for the participant. ``number`` is the number of the offer."""
 
     number: Annotated[int, msgspec.Meta(ge=0)]
     value: int
@@ -366,7 +367,7 @@ Role = Literal["participant", "spectator", "experimenter", "caregiver"]
 
 
 class Welcome(Message, frozen=True, tag="welcome"):
-    """The connection is accepted in a role. ``haptics`` and ``sounds``: feedback enabled by the session plan."""
+    """The connection is accepted in a role. ``haptics`` and ``sounds``: feedback that the session plan enables."""
 
     protocol: int
     session: str
@@ -408,10 +409,11 @@ class Scene(Message, frozen=True, tag="scene"):
     """A scene to display: the address of a GLB whose nodes have ``extras.body``, and the pose of the world.
 
     ``xr_from_world`` is the pose of the z-up world frame in ``local-floor``; apply it to the root node. ``bodies``:
-    the order of the poses in later state messages. There, the positions of the ``marks`` on the person come after the
-    bodies. All marks have the same radius and colour (RGB in [0, 1]). The first-person view hides ``head_bodies``. Its
-    viewpoint is ``eyes``, in the frame of the first head body (x left, −y forward, z up). ``skeleton``: the
-    participant's body dimensions. Names of the participant's bodies begin with ``person/``.
+    the order of the poses in later state messages. ``marks``: number of spheres on the person that show the targets of
+    the task. In state messages, their positions come after the bodies. All have the same radius and colour (RGB in
+    [0, 1]). The first-person view hides ``head_bodies``. Its viewpoint is ``eyes``, in the frame of the first head body
+    (x left, −y forward, z up). ``skeleton``: the participant's body dimensions. Names of the participant's bodies begin
+    with ``person/``.
     """
 
     url: str
@@ -494,8 +496,9 @@ class Passed(Message, frozen=True, tag="passed"):
 class Phase(Message, frozen=True, tag="phase"):
     """The phase of the session, with the text for the participant.
 
-    ``text`` is for VR with a trigger. If other texts differ, ``texts_by_input`` contains those for other kinds of
-    input, and ``page_text`` contains that for the page without a headset. ``key``: the key of the text.
+    ``trial``: number of the running or next trial, from 1. ``trials``: number of trials. ``seconds``: time limit.
+    ``text`` is for VR with a trigger. If other texts differ, ``texts_by_input`` contains the texts for other input
+    methods, and ``page_text`` the text for the page without a headset. ``key``: the key of the text.
     """
 
     name: PhaseName
@@ -512,8 +515,10 @@ class Phase(Message, frozen=True, tag="phase"):
 class Question(Message, frozen=True, tag="question"):
     """A questionnaire item.
 
-    ``low`` and ``high``: texts at the ends of the scale. ``labels``: texts of the buttons; by default the buttons are
-    numbered from 1 to ``points``. ``previous_answer``: the answer before the participant went back, if any.
+    ``item``: its identifier. ``points``: number of points of the scale. ``low``, ``high``: texts at the ends of the
+    scale. ``labels``: texts of the buttons; default: numbers from 1 to ``points``. ``number``: position in the
+    questionnaire, from 1. ``count``: number of items. ``previous_answer``: the answer before the participant went back,
+    if any.
     """
 
     item: str
@@ -530,8 +535,8 @@ class Question(Message, frozen=True, tag="question"):
 class Problem(Message, frozen=True, tag="problem"):
     """An error in a message or a measurement, with the allowed values. The session continues.
 
-    ``message`` is for VR with a trigger. If other texts differ, ``page_message`` contains that for the page without a
-    headset, and ``messages_by_input`` contains those for other kinds of input. ``role``: the role that receives the
+    ``message`` is for VR with a trigger. If other texts differ, ``page_message`` contains the text for the page without
+    a headset, and ``messages_by_input`` the texts for other input methods. ``role``: the role that receives the
     problem. The experimenter receives all problems.
     """
 
@@ -542,10 +547,11 @@ class Problem(Message, frozen=True, tag="problem"):
 
 
 class RobotCommands(Message, frozen=True, tag="robot_commands"):
-    """The robot commands that are possible now; without ``commands``, none. Sent when a field changes.
+    """The robot commands that are possible now; an empty list if none are. Sent when a field changes.
 
-    ``sources``: the allowed sources. ``mode``: what the pacing layer does, see ``avrgym.safety.pacing``; empty without
-    the layer. ``speed_factor``: factor of the policy's speed. ``distance_m``: distance at which the robot waits.
+    ``sources``: the allowed sources. ``mode``: the mode of the pacing layer, see ``avrgym.safety.pacing``; empty
+    without the layer. ``speed_factor``: factor of the policy's speed. ``distance_m``: distance at which the robot
+    waits.
     """
 
     commands: list[CommandLabel]
@@ -558,8 +564,8 @@ class RobotCommands(Message, frozen=True, tag="robot_commands"):
 class Feedback(Message, frozen=True, tag="feedback"):
     """Haptic and acoustic feedback for one control step.
 
-    ``left_touched`` and ``right_touched``: whether robot or tool touch this arm, including the hand. ``events``: the
-    number of bites or drops in the mouth, wiped markers, or scratches.
+    ``left_touched``, ``right_touched``: whether robot or tool touch this arm or hand. ``events``: the number of task
+    successes in this step: bites or drops in the mouth, wiped targets, or scratches.
     """
 
     left_touched: bool
@@ -570,17 +576,20 @@ class Feedback(Message, frozen=True, tag="feedback"):
 class Status(Message, frozen=True, tag="status"):
     """The status of the session, several times a second, for watchers only.
 
-    ``step``: number of control steps of the attempt. ``reward``: the sum of their rewards. ``success``: whether the
-    attempt has succeeded until now. Distance and force are those of
-    the latest step. ``force_region``: the body region with the highest force relative to its limit; ``force_share``:
-    this ratio; empty and 0 without contact. ``retracting``: the force guard moves the robot. ``withdrawing``: the robot
-    withdraws its tool after success, or has withdrawn it. ``tracking_age_s``: time since the newest valid frame.
-    ``untracked_parts`` have stale poses. If one of them is in ``needed_parts``, the robot holds still, and the attempt
-    ends after a second.
-    ``operated``: the experimenter drives the robot in this trial. ``idle``: the robot holds still without an action.
-    ``pause_reason``: the answer that triggered a stop rule, or empty. ``latency``: recent latencies from
-    tracking to display, in total (``total_ms``) and by stage. ``streams``: streams of other devices. ``headset_s``: the
-    participant's time in VR, and its limit. ``break_is_due``: a break follows before the next trial.
+    ``step``: number of control steps of the attempt. ``steps``: number of control steps of a complete trial.
+    ``reward``: the sum of rewards. ``success``: whether the attempt has succeeded until now. ``distance_m`` and
+    ``force_on_person_n`` are values of the latest step. ``force_region``: the body region with the highest force
+    relative to its limit. ``force_share``: this ratio. They are empty and 0 without contact.
+
+    ``retracting``: the force guard moves the robot. ``withdrawing``: the robot withdraws its tool after success, or has
+    withdrawn it. ``operated``: the experimenter drives the robot in this trial. ``idle``: the robot holds still without
+    an action. ``paused``: no trial may start. ``pause_reason``: the answer that met a stop rule, or empty.
+
+    ``tracking_age_s``: time since the newest valid frame. ``untracked_parts``: parts of the body with stale poses. If
+    one of them is in ``needed_parts``, the robot holds still, and the attempt ends after a second. ``latency``: recent
+    latencies from tracking to display, in total (``total_ms``) and by stage. ``streams``: streams of other devices.
+    ``headset_s``: the participant's time in VR. ``headset_limit_s``: its limit. ``break_is_due``: a break follows
+    before the next trial.
     """
 
     phase: PhaseName
@@ -659,7 +668,7 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def encode(message: Message) -> bytes:
-    """Encode any message of the protocol."""
+    """Returns a message of the protocol, encoded as MessagePack."""
     return _encoder.encode(message)
 
 
@@ -682,12 +691,12 @@ def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
     try:
         return decoder.decode(data)
     except UnicodeDecodeError as error:
-        raise msgspec.DecodeError(f"text that is not UTF-8: {error}") from error
+        raise msgspec.DecodeError(f"a text is not UTF-8: {error}") from error
     except RecursionError as error:
-        raise msgspec.DecodeError("nested too deeply") from error
+        raise msgspec.DecodeError("the message is nested too deeply") from error
 
 
-# What a session receives -----------------------------------------------------------------------------------
+# Messages to a session --------------------------------------------------------------------------------------
 
 
 class Disconnected(msgspec.Struct, frozen=True):

@@ -1,7 +1,7 @@
-"""Delta encoding of states for one connection, quantised to whole steps.
+"""Delta encoding of states for one connection. Values are quantised: each is an integer number of steps.
 
-A WebSocket delivers every message once and in order. Both ends therefore store the same previous state, without
-acknowledgements. Differences are integers, so errors do not accumulate: each value is within half a step.
+A WebSocket delivers every message once and in order. Server and client therefore store the same previous state,
+without acknowledgements. Differences are integers, so errors do not accumulate. Each value is within half a step.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ Integers = NDArray[np.int64]
 
 
 class StateEncoder:
-    """The server's end of a connection."""
+    """Encodes the states of one connection, in the server."""
 
     def __init__(self) -> None:
         self.begin_scene()
@@ -47,13 +47,13 @@ class StateEncoder:
 
 
 class StateDecoder:
-    """A client's end of a connection."""
+    """Decodes the states of one connection, in a Python client."""
 
     def __init__(self) -> None:
         self.begin_scene()
 
     def begin_scene(self) -> None:
-        """Reset after a scene message."""
+        """Reset after a scene message: the next state is decoded without a previous one."""
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def decode(self, change: StateChange) -> State:
@@ -69,7 +69,7 @@ class StateDecoder:
 
 
 class _DeltaCodec:
-    """Encodes or decodes rows of numbers as differences to the previous ones, in whole steps."""
+    """Encodes or decodes rows of numbers as differences to the previous rows, in integer numbers of steps."""
 
     def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
@@ -122,7 +122,9 @@ def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
     (ends,) = (digits < 0x80).nonzero()
     starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.int64)[: len(ends)]
     if len(digits) != (ends[-1] + 1 if len(ends) else 0) or len(ends) % (1 + columns):
-        raise ValueError(f"the {len(packed)} bytes do not end with a complete row of {columns} numbers")
+        raise ValueError(
+            f"incomplete data: {len(packed)} bytes do not end with a complete row of {columns} numbers"
+        )
     place = np.arange(len(digits)) - np.repeat(starts, ends - starts + 1)
     numbers = np.add.reduceat((digits & 0x7F) << (DIGIT_BITS * place), starts) if len(ends) else digits
     table = numbers.reshape(-1, 1 + columns)

@@ -1,4 +1,4 @@
-"""Conversion of WebXR poses to the simulation's world frame and back. The server converts poses only here.
+"""Conversion of WebXR poses to the simulation's world frame and back. No other module of the server converts poses.
 
 WebXR's ``local-floor`` space: y up, x right, −z forward, quaternions x, y, z, w. World frame: z up, quaternions
 w, x, y, z; the person sits at its origin and faces −y.
@@ -22,7 +22,7 @@ UNIT_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
 WRIST_TO_HAND_M = 0.08
-"""Distance from a tracked wrist to the centre of the hand (2020 reference)."""
+"""Distance from a tracked wrist to the centre of the hand (as in Assistive VR Gym, 2020)."""
 
 
 @dataclass(frozen=True)
@@ -35,24 +35,24 @@ class Pose:
 
 @dataclass(frozen=True)
 class Registration:
-    """The pose of ``local-floor`` in the world frame: its origin (3,) and the yaw of its axes."""
+    """The pose of WebXR's ``local-floor`` space in the world frame: its origin (3,) and the yaw of its axes."""
 
     origin_w: FloatArray
     yaw_rad: float
 
     @cached_property
     def q_w(self) -> FloatArray:
-        """The rotation (4,) from ``local-floor`` axes to world axes."""
+        """The rotation from ``local-floor`` axes to world axes, as a quaternion (4,) w, x, y, z."""
         yaw = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(self.yaw_rad))
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
 
     def to_world(self, pose: XRPose) -> Pose:
-        """Transform the pose of a device to the world frame. The device keeps its axes (WebXR: y up, −z forward)."""
+        """Returns a device's pose in the world frame. The device's own axes stay as in WebXR: y up, −z forward."""
         x, y, z, w = pose.orientation
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
     def from_world(self, pose: Pose) -> XRPose:
-        """Transform a pose to ``local-floor``; the inverse of ``to_world``."""
+        """Returns a world pose in the ``local-floor`` space; the inverse of ``to_world``."""
         local = _compose(self._inverse, pose.pos_w, pose.q_w)
         w, x, y, z = local.q_w.tolist()
         return XRPose(tuple(local.pos_w.tolist()), (x, y, z, w))

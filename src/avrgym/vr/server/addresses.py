@@ -1,4 +1,4 @@
-"""Default address and port of servers."""
+"""Loopback addresses, the address for all network interfaces, and the default port of servers."""
 
 LOOPBACK = ("127.0.0.1", "localhost")
 EVERY_ADDRESS = "0.0.0.0"

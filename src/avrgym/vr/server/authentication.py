@@ -20,7 +20,10 @@ OTHER_ORIGIN_TEXT = "this page comes from another server; open the address that 
 
 @dataclass(frozen=True)
 class Caller:
-    """The role of a token, and the experimenter's name for a personal token (otherwise empty)."""
+    """An authenticated client: the role of its token, and the experimenter's name.
+
+    ``name`` is empty if the token is not personal.
+    """
 
     role: Role
     name: str = ""
@@ -35,14 +38,12 @@ class Refusal:
     language: Language | None = None
 
 
-NO_TOKEN = Refusal(
-    4401, "the address of this page lacks the session's token; open the one that the server printed"
-)
+NO_TOKEN = Refusal(4401, "this address contains no token; open the complete address that the server printed")
 OLD_TOKEN = Refusal(
-    4403, "the address of this page is of an earlier start of the server; open the one that it prints now"
+    4403, "this address is no longer valid; open the address that the server printed at its last start"
 )
-LINK_ENDED = Refusal(4410, "this link has ended with its session; each session has a new one")
-ENTER_CODE = Refusal(4411, "this page opens with the link of a session, or with the code on the dashboard")
+LINK_ENDED = Refusal(4410, "this link has expired with its session; open the link of the current session")
+ENTER_CODE = Refusal(4411, "this page needs the link of a session, or the code that the dashboard shows")
 """``client/src/session/display-state.ts`` maps these codes to texts in the participant's language."""
 
 
@@ -95,7 +96,10 @@ class Tokens:
 
 
 class SameOriginOnly:
-    """Middleware that rejects requests and WebSockets from pages of other origins. Programs send no origin header."""
+    """Middleware that rejects requests and WebSockets from pages of other origins.
+
+    Requests without an origin header come from programs and are accepted.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -45,7 +45,7 @@ CLOSE_TIMEOUT_S = 1.0
 
 
 class ConnectionEnd(Exception):
-    """Raised when all messages are sent and the connection closes, with a closing code and a reason."""
+    """The connection closes, and all waiting messages are sent. ``code`` is the WebSocket's closing code."""
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)

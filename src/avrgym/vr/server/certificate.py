@@ -20,12 +20,12 @@ from avrgym.system.files import write_atomically
 VALID_DAYS = 90
 RENEWAL_DAYS = 14
 DOCUMENTATION_ADDRESS = "192.0.2.1"
-"""An address that no host has (RFC 5737). The route to it reveals this computer's address, without sending anything."""
+"""An address that no host has (RFC 5737). The route to it starts at this computer's address. No packet is sent."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Files in PEM format, and the host names and addresses of the certificate."""
+    """A certificate: its two files in PEM format, and the host names and addresses for which it is valid."""
 
     certificate_file: Path
     key_file: Path

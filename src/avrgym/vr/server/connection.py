@@ -45,7 +45,10 @@ of up to seven seconds after a network interruption."""
 
 @dataclass(frozen=True)
 class Channel:
-    """A type of connection: the roles that may open it and the messages that it accepts."""
+    """A type of WebSocket connection: the roles that may open it and the messages that it accepts.
+
+    ``decode`` decodes a message. ``union`` is the union of the messages' types.
+    """
 
     roles: tuple[Role, ...]
     decode: Callable[[bytes], Any]
@@ -53,7 +56,7 @@ class Channel:
 
     @property
     def types(self) -> str:
-        """The tags of the accepted messages."""
+        """The tags of the accepted messages, separated by commas."""
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
 
 
@@ -74,7 +77,7 @@ class RateLimit:
 
 
 class FrameTimes:
-    """Latencies of tracking frames: from the arrival of a frame until the first state computed from it is sent."""
+    """Latency of each tracking frame: from its arrival until the first state that includes it is sent."""
 
     def __init__(self) -> None:
         self._received_s: dict[int, float] = {}
@@ -157,7 +160,7 @@ async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: 
 async def _authenticate(
     socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
 ) -> Hello | None:
-    """Receive the hello and check its token. Returns the hello, or sends the reason and returns ``None``."""
+    """Receive the hello and check its token. Returns the hello. Otherwise sends the reason and returns ``None``."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = language = None
     try:
@@ -174,7 +177,7 @@ async def _authenticate(
             why = tokens.refusal(hello.token)
             refusal, language = (why.code, why.message), why.language
         elif caller.role == "participant" and broadcast.has_participant:
-            refusal = 4409, "a participant is already connected; only one is allowed"
+            refusal = 4409, "a participant is already connected; close the other page, then reload this page"
         else:
             return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
@@ -245,7 +248,7 @@ def _refusal(role: Role, message: object) -> str:
     if role == "spectator":
         return "spectators may send no commands; open the experimenter's address"
     if isinstance(message, WatcherRobotCommand):
-        return "" if message.source == role else f"the source of this page's commands is {role}"
+        return "" if message.source == role else f"the source of commands from this page must be {role}"
     if role == "caregiver" and not isinstance(message, SceneWatched):
         return "caregivers may send robot commands only"
     return ""

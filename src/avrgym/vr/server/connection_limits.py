@@ -24,7 +24,7 @@ MAX_UNAUTHENTICATED = 256
 FILE_HANDLE_DIVISOR = 4
 """Unauthenticated connections use at most the process's file handles divided by this number."""
 ADDRESS_DIVISOR = 4
-"""One address may have a share of the limit: one divided by this number. Loopback is exempt: USB headsets share it."""
+"""One address may have at most the limit divided by this number. Loopback is exempt, because USB headsets share it."""
 MAX_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections count as unauthenticated."""
 TLS_TIMEOUT_S = 5.0

@@ -18,7 +18,7 @@ ZERO_LATENCY = struct.pack("i", 0)
 
 
 class CpuIdlePrevention:
-    """Prevents or permits idle states. Does nothing if the system does not support it or the user lacks permission."""
+    """Prevents or permits idle states. Does nothing without support by the system or without permission."""
 
     def __init__(self) -> None:
         self._file: BinaryIO | None = None

@@ -84,7 +84,7 @@ class EnvironmentViewer:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves."""
+        """Whether the simulation is paused or waits for the next episode."""
         return self._paused or self._phase != "running"
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:

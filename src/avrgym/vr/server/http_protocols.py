@@ -1,4 +1,4 @@
-"""uvicorn's HTTP and WebSocket protocols, with security headers in rejections and limits on fragmented messages."""
+"""uvicorn's HTTP and WebSocket protocols, with security headers in rejections and a limit on message fragments."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ LINGER_S = 1.0
 
 
 class HttpProtocol(H11Protocol):
-    """HTTP/1.1 that sends the security headers with responses to malformed requests."""
+    """HTTP/1.1 protocol. Responses to malformed requests contain the security headers."""
 
     def send_400_response(self, msg: str) -> None:
         """Send a 400 response, unless a response has begun, and close the connection."""
@@ -37,7 +37,7 @@ class HttpProtocol(H11Protocol):
 
 
 class WebSocketProtocol(WebSocketsSansIOProtocol):
-    """WebSockets whose rejections reach the client, with the security headers."""
+    """WebSocket protocol. Rejections contain the security headers, and the client always receives them."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -19,7 +19,7 @@ MAX_WAITING_MESSAGES = 2000
 
 @dataclass(frozen=True)
 class NewConnection:
-    """A client has connected in a role and needs the current state of the session."""
+    """A client that has connected in a role. ``send`` sends it the current state of the session."""
 
     send: messages.Send
     role: messages.Role
@@ -36,7 +36,7 @@ class Inbox:
 
     @property
     def is_full(self) -> bool:
-        """Whether senders must wait."""
+        """Whether the queue is full. Senders must then wait."""
         return len(self._waiting) >= MAX_WAITING_MESSAGES
 
     def put(self, message: Received | NewConnection) -> None:

@@ -1,4 +1,7 @@
-"""The VR server: the client's pages, the scenes, and the WebSockets of participant and watchers."""
+"""The VR server: the client's pages, the scenes, and the WebSockets of participant and watchers.
+
+Watchers are experimenters, caregivers and spectators.
+"""
 
 import gc
 import secrets
@@ -65,7 +68,7 @@ def create_app(
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
         if tokens.bearer(request.headers) is None:
-            raise HTTPException(401, "the request has no valid token")
+            raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
             raise HTTPException(404, f"no scene {number}; the number of scenes is {len(known)}")
@@ -112,7 +115,7 @@ def create_app(
 
 
 class LiveServer(Generic[S]):
-    """A session with its loop and its web server, as a context manager."""
+    """A session with its real-time loop and its web server, as a context manager."""
 
     def __init__(
         self,

@@ -30,7 +30,10 @@ PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next tick was due (monotonic clock). ``lost``: number of ticks skipped after it."""
+    """A tick that ended after the next tick was due. ``lost``: number of ticks that were skipped after it.
+
+    ``due_s`` and ``ended_s``: when it was due and when it ended, on the monotonic clock.
+    """
 
     due_s: float
     ended_s: float
@@ -63,7 +66,7 @@ class Runnable(Protocol):
         ...
 
     def close(self, now_s: float) -> None:
-        """End the session or viewer."""
+        """End the session or the viewer."""
         ...
 
 
@@ -73,11 +76,12 @@ S = TypeVar("S", bound=Runnable)
 class RealTimeLoop(Generic[S]):
     """Runs a session in a thread; after ``start`` only this thread accesses the session.
 
-    ``late``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks.
+    ``late``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks. ``error``: the error that ended
+    the thread, if any.
     """
 
     def __init__(self, session: S, send: Send = lambda message: None) -> None:
-        """``send`` receives the durations of the ticks once a second."""
+        """Create the loop. ``send`` receives the durations of the ticks once a second."""
         self.session = session
         self.missed_ticks = 0
         self.late: deque[LateTick] = deque(maxlen=MAX_LATE_TICKS)
@@ -100,7 +104,7 @@ class RealTimeLoop(Generic[S]):
 
     @property
     def inbox_is_full(self) -> bool:
-        """Whether senders must wait."""
+        """Whether the queue of messages is full. Senders must then wait."""
         return self._inbox.is_full
 
     def post(self, message: Received) -> None:

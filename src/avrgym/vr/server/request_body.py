@@ -16,7 +16,7 @@ async def read_json_body(request: Request, max_bytes: int) -> bytearray:
         HTTPException: 415 for a content type other than JSON, 413 for more than ``max_bytes``.
     """
     if request.headers.get("content-type") != "application/json":
-        raise HTTPException(415, "send application/json")
+        raise HTTPException(415, "the content type must be application/json")
     data = bytearray()
     async for chunk in request.stream():
         data += chunk
@@ -37,7 +37,7 @@ async def decode_body(request: Request, kind: type[B], max_bytes: int) -> B:
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise HTTPException(422, str(error)) from None
     except RecursionError:
-        raise HTTPException(422, "nested too deeply") from None
+        raise HTTPException(422, "the JSON is nested too deeply") from None
 
 
 def json_response(value: Any, status: int = 200) -> Response:
@@ -46,5 +46,5 @@ def json_response(value: Any, status: int = 200) -> Response:
 
 
 def refuse_with(status: int, **more: str) -> Callable[[Request, Exception], Response]:
-    """Returns a handler of errors that responds with the error's message and ``more``."""
+    """Returns an exception handler. It responds with this status, the error's message and the fields ``more``."""
     return lambda _request, error: json_response({"detail": str(error), **more}, status)

@@ -81,7 +81,7 @@ class _Response:
     async def send(self, message: Message) -> None:
         """Send one message of the response. If a WebSocket closes before it opens, send an HTTP response instead."""
         if message["type"] == "websocket.close" and not self._begun:
-            await self._refuse("no WebSocket opens here", 403)
+            await self._refuse("this address has no WebSocket", 403)
             return
         if message["type"].endswith("http.response.start"):
             message["headers"] = _completed(message["headers"], self._scope["path"], message["status"])

@@ -61,7 +61,7 @@ class _Code:
 class SessionLinks:
     """The link of the current session, if any, and expired links. Thread-safe.
 
-    ``on_end`` is called when a link expires, in the thread that ends it.
+    ``on_end`` is called when a link expires, in the thread that calls ``end``.
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
@@ -84,7 +84,7 @@ class SessionLinks:
         self._open = _CurrentLink(link, link_sha256(link), language)
 
     def end(self) -> None:
-        """Let the link expire."""
+        """Make the link of the current session expire. Its codes expire too."""
         with self._lock:
             ended, self._open, self._codes = self._open, None, []
         if ended is not None:
@@ -114,7 +114,7 @@ class SessionLinks:
         """Returns the link for a code. The code cannot be used again.
 
         Raises:
-            TooManyCodes: if too many wrong codes were entered recently.
+            TooManyCodesError: if too many wrong codes were entered recently.
             CodeError: for a code that is wrong, used or expired.
         """
         with self._lock:

@@ -29,7 +29,7 @@ def add_sounds(app: FastAPI, tokens: Tokens, folder: Path | None) -> None:
     @app.get("/sounds/{language}/{name}")
     def sound(language: str, name: str, request: Request) -> Response:
         if tokens.bearer(request.headers) is None:
-            raise HTTPException(401, "the request has no valid token")
+            raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         file = None if folder is None else find_sound(folder, language, name)
         if file is None:
             return Response(status_code=204)

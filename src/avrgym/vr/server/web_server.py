@@ -1,4 +1,4 @@
-"""A web server for an application, in its own thread."""
+"""A web server that runs an ASGI application in its own thread."""
 
 import asyncio
 import logging
@@ -50,12 +50,12 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
     """Returns a new listening socket.
 
     Raises:
-        ServerError: if the port is not available, or other computers could connect without TLS.
+        ServerError: if the port is not available, or for an address other than loopback without a certificate.
     """
     if host not in LOOPBACK and certificate is None:
         raise ServerError(
-            f"--host {host} needs --lan, which serves the local network with a certificate, because browsers allow VR "
-            f"only on secure pages; without --lan use {' or '.join(LOOPBACK)}, which a headset reaches over USB"
+            f"--host {host} needs --lan, because browsers allow VR only on pages with a certificate; "
+            f"without --lan, use --host {' or '.join(LOOPBACK)}; a headset reaches it over USB"
         )
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, PROTOCOL)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -71,7 +71,7 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
 
 
 class WebServer:
-    """Serves an application from ``start`` to ``stop``."""
+    """Serves an ASGI application from ``start`` to ``stop``."""
 
     def __init__(
         self, app: FastAPI, limiter: ConnectionLimiter, certificate: Certificate | None = None
@@ -136,7 +136,7 @@ def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None
 
 
 def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Config:
-    """uvicorn's configuration: fixed event loop and protocols, no trust in proxy headers."""
+    """Returns uvicorn's configuration: fixed event loop and protocols, no trust in proxy headers."""
     return uvicorn.Config(
         app,
         loop="asyncio",

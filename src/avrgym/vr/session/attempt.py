@@ -32,7 +32,7 @@ MakeConfiguration = Callable[[int], Configuration]
 
 @dataclass(frozen=True)
 class AttemptResults:
-    """Results of an attempt until now: success, and statistics of force and tool speed."""
+    """Results of an attempt until now: success, force on the person (mean, maximum), and mean tool speed."""
 
     success: bool = False
     force_mean_n: float = 0.0
@@ -55,16 +55,17 @@ class AttemptResults:
 
 
 class Attempt:
-    """The running attempt. Arguments ``…_s`` are on the session's clock. Recorded times are from the attempt's start.
+    """The running attempt at a trial, with its recording.
 
-    ``trial`` and the attempt's ``number`` count from 1. ``steps``, ``reward`` and ``attempt_results`` summarise its
-    control steps. ``latest`` is the latest control step.
+    Arguments with the suffix ``_s`` are times on the session's clock. Recorded times start at 0 with the attempt.
+    ``trial`` and the attempt's ``number`` count from 1. ``steps``: number of control steps. ``reward``: sum of their
+    rewards. ``latest``: the latest control step.
     """
 
     def __init__(
         self, folder: Path, trial: int, configure: MakeConfiguration, began_s: float, *, first_number: int = 1
     ) -> None:
-        """Open the recording of the next attempt at this trial that ``folder`` does not contain.
+        """Open the recording of a new attempt. Its number is the first without a file in ``folder``.
 
         Args:
             folder: the folder of recordings; created if it is missing.
@@ -146,7 +147,7 @@ class Attempt:
             self.record("/body_targets", schema.BodyTargets(joint_targets_rad.tolist()), now_s)
 
     def record_pacing(self, world: LiveWorld, step: ControlStep, now_s: float) -> None:
-        """Record the pacing layer, if the trial has one, after ``record_step``."""
+        """Record the state of the pacing layer, if the trial has this layer. Call it after ``record_step``."""
         pacing = world.pacing
         if pacing is None:
             return
@@ -171,11 +172,14 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:
-        """Record that the robot has finished. The attempt then counts even after a crash. See ``submit_records``."""
+        """Record that the robot has finished; ``submit_records`` writes this. The attempt then survives a crash."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:
-        """Record tracking frames in the order of arrival. The newest frame moved all parts except the held ones."""
+        """Record tracking frames in the order of arrival.
+
+        The newest frame moved all parts of the body, except those in the record's ``held_parts``.
+        """
         deviating = [part for part in BODY_PARTS if part in followed.deviating_parts or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest

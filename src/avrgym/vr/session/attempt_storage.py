@@ -1,4 +1,4 @@
-"""Records the attempts of a session and reports them to its observer. An attempt that is not stored does not count."""
+"""Records the attempts of a session and reports them to its observer. Only a stored attempt completes its trial."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -105,12 +105,15 @@ class AttemptStorage:
         return failure
 
     def take_failure(self) -> Exception | None:
-        """Returns the observer's failure. ``None`` without one, or if it loses no data and was already reported."""
+        """Returns the observer's error and clears it; ``None`` if there is none.
+
+        Also returns ``None`` if a storage failure was already reported and no further data is at risk.
+        """
         failure = self._sink.take_failure()
         at_stake = self.attempt is not None or self.completing is not None
         return failure if at_stake or not self.failing else None
 
     def discard_attempt(self) -> None:
-        """Store nothing until the next attempt begins."""
+        """Mark the attempt as not stored, and clear all errors. Nothing is stored until the next attempt begins."""
         self.completing, self.failing = None, True
         self._sink.clear_failures()

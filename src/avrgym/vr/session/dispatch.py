@@ -66,13 +66,13 @@ def handle_message(phase: Phase, message: Received) -> Phase:
             pass
         case messages.Hello() | messages.Receipt():
             phase.state.report(
-                f"a message of type {type(message).__name__} has no place in a running session"
+                f"a message of type {type(message).__name__} is ignored; a running session does not handle it"
             )
     return phase
 
 
 def stop_by_command(phase: Phase, source: Source) -> Phase:
-    """Pass the command ``stop`` to a phase. It is the emergency stop, also from sources that a trial does not allow."""
+    """Pass the command ``stop`` to a phase. Every source may stop the robot, even if the trial does not allow it."""
     if phase.can_be_stopped:
         phase.state.record_command("stop", source, effective=True)
     by = source if source == "caregiver" or source == "experimenter" else "participant"

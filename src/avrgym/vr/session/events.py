@@ -138,7 +138,7 @@ class AnswerChanged(Answered):
 
 @dataclass(frozen=True)
 class QuestionsLeft(SessionEvent):
-    """The experimenter continued without the answers to these items; the trial counts."""
+    """The experimenter continued without the answers to these items. The trial is complete."""
 
     trial: int
     attempt: int
@@ -209,7 +209,7 @@ class AnsweredAfterBreak(SessionEvent):
 
 @dataclass(frozen=True)
 class HeadsetUsed(SessionEvent):
-    """The participant spent this time in VR since the previous such event."""
+    """The time that the participant spent in VR since the previous event of this type."""
 
     seconds: float
 
@@ -307,14 +307,14 @@ class EventSink:
         """Report an event to the observer. If the observer raises an error, it is stored in ``failure``."""
         try:
             self._observe(event)
-        except Exception as error:  # whatever keeps a database from storing it
+        except Exception as error:  # any error of a database
             self.failure = error
 
     def has_stored_all(self) -> bool:
         """Returns whether all events are stored. An error is stored in ``failure``."""
         try:
             return self._stored()
-        except Exception as error:  # whatever keeps a database from storing it
+        except Exception as error:  # any error of a database
             self.failure = error
             return False
 

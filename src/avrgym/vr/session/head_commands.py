@@ -15,12 +15,11 @@ from avrgym.vr.protocol.messages import Tracking
 class HeadCommands:
     """Converts head motion to commands: a nod to ``ready``, a shake to ``wait``.
 
-    A participant who looks at the tool while the robot waits gives ``ready``; one who looks away while it continues
-    gives ``wait``.
+    While the robot waits, a look at the tool means ``ready``. While it continues, a look away means ``wait``.
     """
 
     def __init__(self, rules: AppliedRules) -> None:
-        """Start a trial with these rules. Only their sources give commands."""
+        """Start a trial with these rules. Only the sources in ``rules.sources`` give commands."""
         self._sources = rules.sources
         self._gestures = HeadGestures(rules.thresholds) if {"nod", "shake"} & {*rules.sources} else None
         self._gaze = GazeTimer(rules.thresholds) if "gaze" in rules.sources else None
@@ -39,7 +38,7 @@ class HeadCommands:
                 yield LIMITED_SOURCES[name][0], name
 
     def gaze(self, world: LiveWorld) -> Iterator[tuple[CommandName, Source]]:
-        """Yields the commands of looking at the tool or away, after a control step."""
+        """Yields the commands from a look at the tool or away from it. Call it after each control step."""
         if self._gaze is None or world.pacing is None:
             return
         mode = world.pacing.mode_name(0)

@@ -1,4 +1,4 @@
-"""Measures a headset from its client's messages: rendered frames, latency, and tracked poses."""
+"""Measurements of a headset check, from the client's messages: rendered frames, latency, and tracked poses."""
 
 from collections.abc import Callable, Collection, Sequence
 from typing import Literal
@@ -26,7 +26,7 @@ _RIGHT: PoseGetter = lambda frame: frame.right  # noqa: E731
 
 
 class HeadsetMeasurement:
-    """Collects the client's messages of a headset check."""
+    """Collects the client's messages during a headset check, and computes the result."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -69,7 +69,10 @@ class HeadsetMeasurement:
     def result(
         self, *, haptics: bool | None, sound: bool | None, used_arms: Collection[Arm] = ARMS
     ) -> HeadsetCheck:
-        """Returns all measurements, with the participant's answers. Arms that are not in ``used_arms`` rest."""
+        """Returns all measurements and answers. Arms that are not in ``used_arms`` rest.
+
+        ``haptics``, ``sound``: whether the participant noticed the signal; ``None`` if this was not tested.
+        """
         newest = self._tracked[-1] if self._tracked else None
         latest = self._drawn[-1] if self._drawn else None
         intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])

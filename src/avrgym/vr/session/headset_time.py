@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 WARNING_S = 300.0
-"""Time before the limit at which the experimenter gets a warning, in seconds."""
+"""If less than this time is left until the limit, the experimenter gets a warning. In seconds."""
 
 Minutes = Annotated[float, msgspec.Meta(ge=0, le=480)]
 
@@ -73,7 +73,7 @@ class HeadsetTime:
         self._since_break_s = 0.0
 
     def end_break(self) -> None:
-        """End a break. Its duration does not count until the next break."""
+        """End a break. The time until the next break then starts at 0."""
         self._since_break_s = 0.0
 
     def take_warning(self) -> str:
@@ -84,7 +84,7 @@ class HeadsetTime:
         self._warned = True
         return (
             f"{max(limit_s - self.total_s, 0.0) / 60.0:.0f} min of {limit_s / 60.0:g} min in the headset are left; "
-            "then no further trial begins"
+            "after that, no further trial begins"
         )
 
     def take_unstored_s(self) -> float:

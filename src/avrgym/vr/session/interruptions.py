@@ -1,4 +1,4 @@
-"""Interruptions of an attempt before the robot has finished: the participant cannot act, or the process stopped."""
+"""Interruptions of an attempt: the participant cannot act, or the process was suspended."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_LIMIT_S = 1.0
-"""A part of the body counts as untracked after this time without a measured pose."""
+"""A part of the body is untracked after this time without a measured pose."""
 VISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
@@ -20,12 +20,13 @@ UNTRACKED_TEXTS: Mapping[BodyPart, str] = {
     "left": "left_untracked",
     "right": "right_untracked",
 }
+"""Keys of the texts about an untracked part of the body, before a trial."""
 TIMED_OUT_TEXTS: Mapping[BodyPart, str] = {
     "head": "tracking_timed_out",
     "left": "left_timed_out",
     "right": "right_timed_out",
 }
-"""Texts for untracked parts of the body: before a trial, and at the end of an attempt."""
+"""Keys of the texts about an untracked part of the body, after it has interrupted an attempt."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Interruption:
 
 
 def tracking_interruption(now_s: float, part: BodyPart) -> Interruption:
-    """Returns the interruption if a part of the body that the task needs was not measured for ``UNTRACKED_LIMIT_S``."""
+    """Returns the interruption by a part of the body that was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
     message = Text(TIMED_OUT_TEXTS[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {BODY_PART_LABELS[part]}"
@@ -48,7 +49,7 @@ def tracking_interruption(now_s: float, part: BodyPart) -> Interruption:
 
 
 def visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
-    """Returns the interruption if the participant no longer sees the scene."""
+    """Returns the interruption of a participant who no longer sees the scene."""
     why = f"the participant does not see the scene: {VISIBILITY_REASONS[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
@@ -56,7 +57,7 @@ def visibility_interruption(now_s: float, visibility: Visibility) -> Interruptio
 
 
 def time_interruption(now_s: float, seconds: float) -> Interruption:
-    """Returns the interruption if the process or its machine was suspended."""
+    """Returns the interruption by a suspended process or computer. ``seconds``: duration of the suspension."""
     why = f"the computer was suspended for {seconds:.1f} s"
     message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

@@ -23,7 +23,7 @@ class ParticipantInput:
             send(self._targets)
 
     def message(self) -> messages.Input:
-        """Returns the profile for the clients, with the ways to stop."""
+        """Returns the message that contains the profile and the participant's ways to stop."""
         values: dict[str, Any] = msgspec.structs.asdict(self.profile)
         values["stops"] = self.profile.stop_ways
         return messages.Input(**values)
@@ -31,7 +31,7 @@ class ParticipantInput:
     def forward(self, message: messages.Offered | messages.Press, send: Send) -> None:
         """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.
 
-        With other methods than ``experimenter``, only the participant selects. The experimenter then gets a problem.
+        With other methods than ``experimenter``, only the participant selects. The experimenter then gets an error.
         """
         if isinstance(message, messages.Offered):
             self._targets = messages.Targets(message.number, message.targets)
@@ -40,6 +40,7 @@ class ParticipantInput:
             send(messages.Pressed(message.number, message.value))
         else:
             problem = (
-                f"the participant selects with {self.profile.method}; select for them with input experimenter"
+                f"the participant selects with {self.profile.method}; "
+                "to select for them, change the input method to experimenter"
             )
             send(messages.Problem(problem, "experimenter"))

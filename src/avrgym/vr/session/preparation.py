@@ -49,7 +49,7 @@ class ImmediateExecutor(Executor):
 
 
 class Preparation:
-    """The world that is being built, if any, with its ``key``."""
+    """Builds one world in advance. ``key`` identifies it; ``None`` if no world was requested."""
 
     def __init__(self, workers: Executor) -> None:
         self.key: TrialKey | None = None
@@ -57,7 +57,7 @@ class Preparation:
         self._world: Future[LiveWorld] | None = None
 
     def request(self, key: TrialKey, environment: str, person: Person, settings: Settings, seed: int) -> None:
-        """Start to build a world with a person in this pose. Cancels an earlier request."""
+        """Start to build a world that contains ``person`` in their current pose. Cancels an earlier request."""
         if self._world is not None:
             self._world.cancel()
         self.key = key
@@ -69,7 +69,7 @@ class Preparation:
         return self._world is not None and self._world.done()
 
     def take(self) -> LiveWorld:
-        """Returns the requested world, or raises its error."""
+        """Returns the requested world. Raises the error that occurred while it was built, if any."""
         assert self._world is not None
         world, self._world, self.key = self._world, None, None
         return world.result()

@@ -1,4 +1,4 @@
-"""The questionnaire of one trial: the current item, and checks of answers."""
+"""The items of a questionnaire in order: the current item, and validation of answers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,7 +23,7 @@ class Questions:
 
     @property
     def unanswered(self) -> list[str]:
-        """The items without an answer."""
+        """The identifiers of the items without an answer."""
         return [item.id for item in self._items if item.id not in self._given]
 
     @property
@@ -32,7 +32,7 @@ class Questions:
         return self._given.get(self._items[self._asked].id)
 
     def question(self) -> messages.Question:
-        """Returns the current item."""
+        """Returns the current item as a message for the clients."""
         item = self._items[self._asked]
         return messages.Question(
             item=item.id,

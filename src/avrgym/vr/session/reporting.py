@@ -34,7 +34,7 @@ class Reporter:
 
     @property
     def status_is_due(self) -> bool:
-        """Whether a status is due."""
+        """Whether the session sends its status in this tick."""
         return self._ticks % STATUS_INTERVAL_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
@@ -76,7 +76,10 @@ def status(
     streams: list[messages.StreamStatus], visibility: messages.Visibility, profile: InputProfile,
     headset_time: HeadsetTime,
 ) -> messages.Status:  # fmt: skip
-    """Returns the status of a session. ``steps`` is the number of control steps of a trial."""
+    """Returns the status message of a session.
+
+    ``steps``: number of control steps of a trial. ``paused``: no trial may start; ``why``: the stop rule's reason.
+    """
     left, right = tracking.modalities
     region, share = most_loaded_region(world.simulation)
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None

@@ -1,10 +1,10 @@
-"""A participant's session: a state machine whose phases lead from calibration to the questionnaires.
+"""The session of one participant: a state machine with phases from calibration to the questionnaires.
 
-``phases`` define texts and transitions. ``state`` contains their shared state.
+The package ``phases`` defines texts and transitions. The module ``state`` contains the data that all phases share.
 
-The session has no clock and no network. Its owner passes messages and ticks, each with the time in seconds since the
-session's start, and sends the session's messages. The same code therefore runs live on a thread and, with a simulated
-participant, faster than real time.
+The session has no clock and no network. The caller passes messages and ticks, with the time in seconds since the
+session's start. The caller also sends the session's messages to the clients. The same code therefore runs in real time
+and, with a simulated participant, faster than real time.
 """
 
 from collections.abc import Callable
@@ -45,7 +45,7 @@ MAX_TICK_GAP_S = 0.5
 
 
 class Session:
-    """One participant's session. Passes messages and ticks to its phase, and enters the next phase."""
+    """The session of one participant. Passes messages and ticks to the current phase, and enters the next phase."""
 
     def __init__(
         self,
@@ -68,22 +68,22 @@ class Session:
         """Start in phase ``waiting`` with a person of reference height.
 
         Args:
-            plan: the plan.
+            plan: the trials and settings of the session.
             policies: all policies of the plan.
             folder: the folder of recordings; files are never overwritten.
             send: called with every message for the clients.
             identifier: the session's name for clients and recordings.
-            observe: called with every event. If it raises, the session pauses.
+            observe: called with every event. If it raises an error, the session pauses.
             is_stored: returns whether the observer has stored all events. Until then no phase times out, and no trial
-                follows a completed one. If it raises, the session pauses.
-            ended_elsewhere: returns whether the session was ended elsewhere; called at every tick.
+                follows a completed one. If it raises an error, the session pauses.
+            ended_elsewhere: returns whether another process has ended the session; called at every tick.
             workers: an executor that builds the worlds of later trials. Without it, the thread that calls ``tick``
                 builds them, and waits for external controllers.
             scenes: scenes of earlier sessions, which keep their addresses. The session adds its own.
             streams: the streams of other devices, for sessions in real time.
-            state_interval_ticks: interval of the world's states, in ticks.
-            participant_input: the participant's input; default: the plan's input profile.
-            headset_time: the participant's time in VR; default: a new one with the plan's rules.
+            state_interval_ticks: interval between two sent states of the world, in ticks.
+            participant_input: the participant's input profile and its changes; default: created from the plan.
+            headset_time: counts the participant's time in VR; default: starts at 0, with the plan's rules.
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
@@ -113,12 +113,12 @@ class Session:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves. A delay of some milliseconds is then acceptable."""
+        """Whether neither the participant nor the robot moves. A delay of some milliseconds is then acceptable."""
         return not self._phase.moves
 
     @property
     def plan(self) -> SessionPlan:
-        """The plan."""
+        """The trials and settings of the session."""
         return self._state.plan
 
     @property
@@ -148,7 +148,7 @@ class Session:
 
     @property
     def scenes(self) -> list[tuple[str, Person, Settings]]:
-        """Environment, person and settings of each scene that clients may load, by the number in its address."""
+        """Environment, person and settings of each scene that clients may load. The index is in the scene's address."""
         return self._state.worlds.scenes
 
     @property
@@ -258,7 +258,7 @@ class Session:
         return Questionnaire(state, Questions(state.plan.questionnaire_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
-        """Returns the enter a phase, unless it is the current one. Returns whether the phase has changed."""
+        """Enter a phase, unless it is the current one. Returns whether the phase has changed."""
         if phase is self._phase:
             return False
         self._enter(phase)
@@ -291,7 +291,7 @@ class Session:
             send(self._phase.question)
 
     def _follow(self) -> None:
-        """Move the person to the newest tracking frame. If this frame is stale, the person keeps their pose."""
+        """Move the simulated person to the pose in the newest tracking frame. A stale frame does not move them."""
         state, attempt = self._state, self._state.storage.attempt
         profile = state.input.profile
         followed = state.tracking.follow(state.needed_parts, state.now_s, profile)
@@ -326,7 +326,7 @@ class Session:
             )
 
     def _check_storage(self) -> None:
-        """Report a slow disk. Stop the robot and end the attempt if recording or observer cannot store a trial."""
+        """Report a slow disk. If a trial cannot be recorded or stored, stop the robot and end the attempt."""
         state, storage = self._state, self._state.storage
         stored, failure = state.sink.has_stored_all(), storage.take_failure()
         if failure is not None:

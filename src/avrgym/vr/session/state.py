@@ -49,14 +49,18 @@ LATENCY_SECONDS = 5
 class SessionState:
     """The state of a session that all phases share.
 
-    ``trial`` is the index of the plan's trial, from 0. ``person`` is the participant's virtual body. ``height_known``:
-    the body has the participant's torso height. ``calibrated_for``: the posture during calibration. ``on_hold``: no
-    trial may start, because of the experimenter or a stop rule. ``pause_reason`` is the rule's reason. ``ending``: the
-    rule ends the session. ``ready_for``: the trial for which the participant last confirmed to be ready.
-    ``visibility``: whether the participant sees the scene. ``away``: the text that explains why the participant is not
-    in VR; ``None`` in VR. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or
-    was skipped. ``input``: the participant's input profile. ``headset_time``: the time in VR.
-    ``now_s``: time since the session's start.
+    ``drivers`` control the robots. ``sink`` reports the events. ``storage`` records the attempts. ``worlds`` contains
+    the simulated worlds. ``trial`` is the index of the plan's trial, from 0. ``person`` is the participant's virtual
+    body. ``input``: the participant's input profile. ``headset_time``: the time in VR. ``tracking``: the tracking since
+    the participant entered VR. ``height_known``: the body has the participant's torso height. ``calibrated_for``: the
+    posture during calibration.
+
+    ``on_hold``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
+    ``pause_reason``: the reason, if it was a stop rule. ``ending``: a stop rule ends the session. ``ready_for``: the
+    index of the trial for which the participant last confirmed to be ready. ``away``: the text that explains why the
+    participant is not in VR; ``None`` in VR. ``visibility``: whether the participant sees the scene. ``headset``:
+    result of the latest headset check. ``headset_checked``: the check passed, or was skipped. ``now_s``: time since the
+    session's start.
     """
 
     plan: SessionPlan
@@ -122,7 +126,7 @@ class SessionState:
         """The index of the next trial. After an open questionnaire of an earlier session, it is the first trial."""
         return max(self.trial + 1, self.plan.first_trial - 1)
 
-    # What goes out -----------------------------------------------------------------------------------------------
+    # Messages to the clients ---------------------------------------------------------------------------------------
 
     def explain(self, text: Text) -> None:
         """Show the participant, in their language, why a request is rejected. The experimenter sees it too."""
@@ -170,7 +174,7 @@ class SessionState:
             self.send_changed_scene()
 
     def send_world_motion(self, send: Send) -> None:
-        """While the world moves after a participant who has slid, send its target pose."""
+        """Send the target pose of a moving world. The world moves after the participant has slid on the seat."""
         placed = self.tracking.placed
         if placed is not None:
             send(placed)
@@ -241,8 +245,7 @@ class SessionState:
         self.sink.report(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
-        """Set the torso height that the experimenter entered. Returns whether it is valid, and reports an invalid
-        one."""
+        """Set the torso height that the experimenter entered. Returns whether it is valid; reports an invalid one."""
         try:
             self.set_torso_height(torso_height_m)
         except ValueError as error:
@@ -252,7 +255,7 @@ class SessionState:
         return True
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
-        """Change the participant's body. Returns whether the choice is valid, and reports an invalid one.
+        """Change the participant's body. Returns whether the choice is valid; reports an invalid choice.
 
         After a change of the sex the participant must be calibrated again. The torso height is measured from the hips,
         and the hips of the male model are higher.
@@ -282,9 +285,9 @@ class SessionState:
         self.send(self.input.message())
 
     def take_visibility(self, visibility: messages.Visibility) -> bool:
-        """Store the visibility of the scene. Returns whether the participant has just lost sight of it.
+        """Store the visibility of the scene. Returns whether the participant has just stopped seeing it.
 
-        After a loss the participant starts the next trial.
+        The next trial then starts only after the participant has confirmed again to be ready.
         """
         before, self.visibility = self.visibility, visibility
         if visibility != "visible":
@@ -299,7 +302,7 @@ class SessionState:
         """Delete the participant's position and direction. The next usable frame determines them."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
-    # Latency of the pictures -------------------------------------------------------------------------------------
+    # Latency of the displayed frames -------------------------------------------------------------------------------
 
     def take_latency(self, message: messages.Latency) -> schema.Latency | None:
         """Record the client's latencies of the last second, and update the percentiles.
@@ -308,7 +311,7 @@ class SessionState:
         """
         latency = schema.Latency(*(getattr(message, name) for name in schema.Latency.__struct_fields__))
         if not is_complete(latency):
-            self.report("a latency needs an entry of each stage for each frame")
+            self.report("the latency message is incomplete; it needs one entry per frame for each stage")
             return None
         self._latencies.append(latency)
         self.latency = [
@@ -443,8 +446,7 @@ class SessionState:
         return failure
 
     def complete_attempt(self) -> RecordingError | None:
-        """Stop the robot after it has finished, and complete a running attempt. Returns the result of
-        ``end_attempt``."""
+        """Stop the robot after it has finished, and complete a running attempt. Returns as ``end_attempt``."""
         self.world.hold()
         return self.end_attempt("completed")
 
@@ -457,4 +459,4 @@ class SessionState:
         self.storage.attempt.record_physics(self.world, self.now_s)
         failure = self.end_attempt(result)
         if failure is not None:
-            self.report(f"the trial is not recorded completely: {failure}")
+            self.report(f"the recording of this attempt is incomplete: {failure}")

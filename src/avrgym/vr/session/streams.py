@@ -1,4 +1,4 @@
-"""Exchange with other devices in the laboratory, and their samples in recordings."""
+"""Data streams of other devices in the laboratory: records their samples, and sends events, poses and forces."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -24,7 +24,7 @@ class Streams(Protocol):
         ...
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """Returns the samples received since the last call, in chunks with the name of their stream."""
+        """Returns the samples received since the last call, in chunks with the description of their stream."""
         ...
 
     def send_event(self, event: SessionEvent) -> None:
@@ -32,7 +32,7 @@ class Streams(Protocol):
         ...
 
     def send_state(self, world: LiveWorld, now_s: float) -> None:
-        """Send poses and forces."""
+        """Send the poses and contact forces of the world."""
         ...
 
 

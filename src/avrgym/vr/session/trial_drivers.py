@@ -1,4 +1,4 @@
-"""The drivers of the robots in a session's trials."""
+"""The drivers of a session's trials. A driver computes the robot's actions, for example with a policy."""
 
 from avrgym.policies.registry import plugins_used
 from avrgym.system.used_plugins import UsedPlugin
@@ -7,7 +7,11 @@ from avrgym.vr.session.plan import Policies, TrialPlan
 
 
 class Drivers:
-    """A driver for each policy of each environment. ``failure`` is the latest failure of the current driver."""
+    """A driver for each policy of each environment.
+
+    ``failure``: the latest failure of the current driver, empty without one. ``reported_kinds``: kinds of failures that
+    were reported in this attempt.
+    """
 
     def __init__(self, policies: Policies, *, background: bool) -> None:
         """Create the drivers. External controllers run in the ``background``; otherwise the session waits for them."""

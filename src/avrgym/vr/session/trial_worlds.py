@@ -15,8 +15,8 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 class TrialWorlds:
     """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
-    ``scenes`` contains environment, person and settings of each scene, by the number in its address. ``number`` is the
-    scene of the current ``world``.
+    ``scenes`` contains environment, person and settings of each scene. A scene's number is its index in this list.
+    ``world`` is the current world. ``number`` is the number of its scene.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class TrialWorlds:
 
     @property
     def ready(self) -> bool:
-        """Whether the requested world is built."""
+        """Whether the requested world is built. ``switch`` then makes it the current world."""
         return self._preparation.ready
 
     def switch(self) -> None:

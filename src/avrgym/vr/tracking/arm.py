@@ -36,7 +36,7 @@ it."""
 MAX_ROTATION_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
 DETOUR_RAD = 1.2
-"""If a joint must rotate by more than this, the hand may leave its path. No joint motion could keep the hand on it."""
+"""If a joint must rotate by more than this, the solver accepts an error of the hand. No motion could avoid it."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
 POLE_RAD = 0.006
@@ -170,9 +170,10 @@ _COS_MOST_BENT = cos(LOWER[ARM_JOINTS.index("elbow_x")])
 def comfortable_angles(
     lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> FloatArray:
-    """Returns angles (A, 7) that bring hands to poses within reach, without limits of shoulder and wrist.
+    """Returns the most comfortable angles (A, 7) that bring hands to poses within reach.
 
-    The arguments are those of ``ArmSolver.solve``. Several arms need little more time than one.
+    The result may exceed the joint ranges of shoulder and wrist. The arguments are those of ``ArmSolver.solve``.
+    Several arms need little more time than one.
     """
     elbow, coefficients = _swivelling(
         lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad

@@ -111,7 +111,7 @@ def _limited(
 
 @dataclass(frozen=True, eq=False)
 class _Aim:
-    """The target of a pose: the torso's angles (6,), and the hand poses of A arms.
+    """The targets of the inverse kinematics: the torso's angles (6,), and the hand poses of A arms.
 
     ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are in the frame of
     the right shoulder; a left hand is reflected. ``reflect`` (A, 7) are the signs of reflected angles.
@@ -155,7 +155,7 @@ class BodySolver:
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
-        """Returns the target of a pose. A left hand is treated as the right hand of the mirrored person."""
+        """Returns the targets for a pose. A left hand is treated as the right hand of the mirrored person."""
         torso_rad = torso_angles(self.person, pose.head, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {

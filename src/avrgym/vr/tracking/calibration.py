@@ -29,7 +29,7 @@ from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, torso_angles
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
-    """Returns the torso height in metres, measured with a headset at rest.
+    """Returns the torso height in metres, computed from the pose of a headset at rest.
 
     Args:
         sex: sex of the model.

@@ -24,7 +24,7 @@ MAX_GAZE_PITCH_SINE = 0.85
 MAX_GAP_FRAMES = 1000
 """Maximum increase of the frame number from one frame to the next: ten seconds of a headset's frames."""
 RESTART_FRAMES = 10
-"""If this number of consecutive frames continue each other but not the stream, the stream has restarted."""
+"""After this number of consecutive frames that continue each other, but not the stream, the stream has restarted."""
 
 
 class SequenceFilter:
@@ -61,7 +61,7 @@ def _continues(number: int, before: int) -> bool:
 
 @dataclass(frozen=True)
 class Frame:
-    """A tracking frame with its arrival time; ``usable``: it may move the person.
+    """A tracking frame with its arrival time. ``usable``: the frame is valid and may move the simulated person.
 
     ``captured_s`` is the capture time, computed from the client's clock. It is never after the arrival and never far
     before it. Frames that were delayed in the network keep their original intervals.
@@ -74,7 +74,10 @@ class Frame:
 
 
 class TrackingFeed:
-    """The frames of one stay in VR. ``newest`` is the latest usable frame; ``freshness`` monitors each part's poses."""
+    """The frames from entering VR until leaving it.
+
+    ``newest``: the latest usable frame. ``freshness``: the age of the poses of each part of the body.
+    """
 
     def __init__(self) -> None:
         self.newest: Frame | None = None

@@ -1,7 +1,7 @@
 """Detects untracked parts of the body: missing and repeated poses are not measurements.
 
-Sensor noise changes every pose. If a device has lost the part or sleeps, its poses are bit-identical. A mouse has no
-noise, so its repeated poses count as measurements.
+Sensor noise changes every measured pose. If a device sleeps or no longer tracks the part, it repeats identical poses. A
+mouse has no noise, so its repeated poses are measurements.
 """
 
 from math import inf

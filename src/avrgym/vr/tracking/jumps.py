@@ -31,7 +31,7 @@ def min_duration_s(one: XRPose, other: XRPose) -> float:
 
 
 def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """Returns the interpolation between two poses; ``share`` is 0 to 1."""
+    """Returns a pose between two poses. ``share`` 0 gives the first pose, 1 the second."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )
@@ -43,7 +43,7 @@ def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class LimbFilter:
-    """The filtered pose of a head or hand. ``deviates``: the filtered pose differs from the tracked pose."""
+    """Filters the pose of the head or a hand. ``deviates``: the filtered pose differs from the tracked pose."""
 
     def __init__(self) -> None:
         self.deviates = False
@@ -67,7 +67,7 @@ class LimbFilter:
         self._measured_s = captured_s if measured else self._measured_s
 
     def follow(self, now_s: float) -> XRPose:
-        """Returns the body's pose for this tick. Call it only after the first frame."""
+        """Returns the filtered pose for this tick. Call it once per tick, after the first frame."""
         assert self._tracked is not None
         if self._followed is None or not self.deviates:
             self._followed = self._tracked
@@ -85,7 +85,7 @@ class LimbFilter:
 
 
 class LimbFilters:
-    """The filtered poses of head and hands during one stay in VR."""
+    """Filters the poses of head and hands, from entering VR until leaving it."""
 
     def __init__(self) -> None:
         self._limbs: dict[BodyPart, LimbFilter] = {part: LimbFilter() for part in BODY_PARTS}
@@ -96,13 +96,13 @@ class LimbFilters:
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
     def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
-        """Add a new frame, see ``Limb.update``."""
+        """Add a new frame, see ``LimbFilter.update``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = is_moved_by_mouse(tracking, part)
             self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:
-        """Returns the newest frame, with its poses replaced by the body's poses for this tick."""
+        """Returns the newest frame, with its poses replaced by the filtered poses for this tick."""
         followed = {part: self._limbs[part].follow(now_s) for part in _tracked(tracking)}
         return msgspec.structs.replace(tracking, **followed)
 

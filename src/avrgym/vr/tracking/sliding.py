@@ -1,4 +1,4 @@
-"""Detects a participant who slides on the seat; seat and room then follow.
+"""Detects that the participant has slid on the seat. The virtual seat and room then move to the participant.
 
 The simulated hips are fixed, and the torso only bends. After sliding, the distance from the hips to the tracked head
 exceeds the torso's length, and the simulated head cannot reach it. If the participant only leans, the head remains
@@ -19,7 +19,7 @@ from avrgym.vr.tracking.body import HEAD_JOINTS, WAIST, resting_head_centre, ske
 
 SAMPLE_INTERVAL_TICKS = 10
 SAMPLES_PER_SECOND = 11
-"""Number of samples in one second."""
+"""Number of samples in one second, including both ends."""
 STEADY_RADIUS_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
 """If a resting head is farther than this from the simulated head, the participant has slid."""
@@ -40,7 +40,7 @@ class SeatMotion:
 
 
 class SlidingMonitor:
-    """Monitors the resting position of a person's head."""
+    """Monitors the position of the head at rest, to detect that the participant has slid on the seat."""
 
     def __init__(self, person: Person, posture: Posture) -> None:
         measures = skeleton(person, posture)

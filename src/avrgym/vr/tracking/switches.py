@@ -64,7 +64,7 @@ class Correction:
         return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
 
     def of(self, grip: XRPose) -> XRPose:
-        """Returns the corrected grip."""
+        """Returns the grip pose, with this correction applied."""
         pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
         angle_rad = self.angle_rad
         axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
@@ -74,7 +74,7 @@ class Correction:
 
 
 def correction_between(grip: XRPose, followed: XRPose) -> Correction:
-    """Returns the correction from one grip to another."""
+    """Returns the correction that transforms the pose ``grip`` to the pose ``followed``."""
     there, there_q = transforms.invert(*_arrays(grip))
     pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
     mujoco.mju_mulPose(pos, q, there, there_q, *_arrays(followed))
@@ -83,7 +83,7 @@ def correction_between(grip: XRPose, followed: XRPose) -> Correction:
 
 
 class HandDevice:
-    """The device and correction of one hand."""
+    """The current tracking device of one hand, and the correction after a switch."""
 
     def __init__(self, side: Side) -> None:
         self._side: Side = side
@@ -116,7 +116,7 @@ class HandDevice:
 
 
 class HandDevices:
-    """The devices and corrections of both hands during one stay in VR."""
+    """The devices and corrections of both hands, from entering VR until leaving it."""
 
     def __init__(self) -> None:
         self._left, self._right = HandDevice("left"), HandDevice("right")

@@ -1,4 +1,4 @@
-"""The tracking of one stay in VR: frames, the pose of the participant's floor, and the target pose of the body."""
+"""Tracking from entering VR until leaving it: frames, pose of the participant's floor, and target pose of the body."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -25,10 +25,11 @@ from avrgym.vr.tracking.switches import HandDevices
 class TrackingUpdate:
     """Tracking in one tick: frames that arrived, the newest frame, and changes.
 
-    ``newest`` is ``None`` if no usable frame is fresh; ``silent`` is then true. ``deviating_parts`` are the parts of
-    the body that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses; ``lost`` are
-    the parts among them that the task needs. ``deviating_parts_before`` and ``lost_before`` are the values of the
-    previous tick. ``pose`` is the target pose of the body, if any.
+    ``arrived``: the frames that arrived since the previous tick. ``newest``: the newest usable frame; ``None`` before
+    the first frame, and while this frame is stale. ``silent``: the newest frame is stale. ``deviating_parts``: parts of
+    the body that jumped and are not at their tracked poses. ``untracked``: all parts with stale poses. ``lost``: the
+    parts among them that the task needs. ``deviating_parts_before`` and ``lost_before``: the values of the previous
+    tick. ``pose``: the target pose of the body, if any.
     """
 
     arrived: Sequence[Frame]
@@ -43,10 +44,10 @@ class TrackingUpdate:
 
 
 class TrackingState:
-    """The tracking of one stay in VR. ``registration`` is the pose of the participant's floor in the world, if known.
+    """The tracking of a participant, from entering VR until leaving it.
 
-    In the latest tick, ``untracked`` are the parts of the body with stale poses, and ``lost`` the parts among them that
-    the task needs.
+    ``registration``: the pose of the participant's floor in the world, if known. ``untracked``: parts of the body with
+    stale poses in the latest tick. ``lost``: the parts among them that the task needs.
     """
 
     def __init__(self) -> None:
@@ -70,7 +71,7 @@ class TrackingState:
         return self._feed.add(tracking, now_s)
 
     def take_arrived(self) -> list[Frame]:
-        """Returns the frames that arrived since the last tick."""
+        """Returns the frames that arrived since the last call, and clears them."""
         return self._feed.take_arrived()
 
     def age_s(self, now_s: float) -> float | None:
@@ -84,7 +85,7 @@ class TrackingState:
 
     @property
     def followed(self) -> int:
-        """The number of the newest tracking frame that moved the body; −1 before the first."""
+        """The sequence number of the newest tracking frame that moved the body; −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
@@ -106,12 +107,12 @@ class TrackingState:
         )
 
     def place(self, head: XRPose, person: Person, posture: Posture) -> None:
-        """Place the seat or bed to fit the headset of a participant at rest."""
+        """Determine the registration from the headset's pose of a participant who rests on the seat or bed."""
         self._resting, self._posture = head, posture
         self.update_location(person)
 
     def update_location(self, person: Person) -> None:
-        """Adapt the registration to a person with another torso height. The participant's seat does not move."""
+        """Adapt the registration to a person with another torso height. The seat does not move in the real room."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._sliding = SlidingMonitor(person, self._posture)

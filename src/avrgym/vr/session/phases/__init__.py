@@ -1,8 +1,8 @@
 """The phases of a session: texts, reactions to messages and ticks, and transitions.
 
-Each method returns the next phase. Methods of the base class ``Phase`` stay in the phase. A phase with a transition
-overrides a method, and the annotation of the method lists the possible next phases. Other transitions are impossible.
-The phases form cycles, so their modules import each other through this module.
+Most methods return the next phase. Those of the base class ``Phase`` return the same phase. A subclass overrides a
+method to add a transition. The return annotation lists all possible next phases. The transitions form cycles.
+Therefore the modules import each other through this package.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
@@ -55,17 +55,17 @@ TrialStart = (
 )
 """Phases that may follow when a trial is to start."""
 SessionEnd = Finished | RecordingFailed
-"""Phases that may follow a request to end the session. An answered trial is completed first."""
+"""Phases that may follow a request to end the session. If the robot has finished, the trial is completed first."""
 AfterRobot = TrialStart | Finished | Questionnaire
-"""Phases that may follow when the robot has finished, in VR or not."""
+"""Phases that may follow when the robot has finished, even if the participant has left VR."""
 AfterEntering = CheckStart | Calibration | LoadCalibration | SessionEnd
 """Phases that may follow when the participant enters VR."""
 AfterLeaving = Waiting | SessionEnd
-"""Phases that may follow when the participant leaves."""
+"""Phases that may follow when the participant leaves VR."""
 AfterRecalibration = Calibration | LoadCalibration | SessionEnd
 """Phases that may follow a request for a new calibration."""
 AfterLoading = TrialStart | Check
-"""Phases that may follow when a world is shown."""
+"""Phases that may follow when the client shows a new world."""
 
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckFeedback, CheckResult, Calibration,

@@ -44,7 +44,7 @@ class BreakQuestionnaire(QuestionsPhase):
         self._given: dict[str, Answer] = {}
 
     def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
-        """Take the answer to the current question. The last answer ends the questionnaire."""
+        """Store the answer to the current question. The last answer ends the questionnaire."""
         state, given = self.state, self._take(answer)
         if given is None:
             return self

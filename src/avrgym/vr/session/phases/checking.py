@@ -69,7 +69,7 @@ class HeadsetCheckPhase(VrPhase):
 
 
 class CheckStart(HeadsetCheckPhase):
-    """The participant prepares. The trigger starts the check, and is thus tested too."""
+    """The participant prepares for the check and starts it with the trigger. This also tests the trigger."""
 
     name = "headset"
     message = Text("headset_check")
@@ -170,7 +170,7 @@ class CheckStop(HeadsetCheckPhase):
     ) -> CheckFeedback | CheckResult | Self:
         """Store the participant's test stop and continue.
 
-        A stop by the experimenter counts only if the participant's input profile contains it.
+        A stop by the experimenter is accepted only if the participant's input profile contains it.
         """
         after_s = self.state.now_s - self._asked_s
         if by == "participant":
@@ -178,7 +178,9 @@ class CheckStop(HeadsetCheckPhase):
         elif "experimenter" in self.state.input.profile.stop_ways:
             self._measurement.add_stop("experimenter", after_s)
         else:
-            return self._report("the participant tries the stop; skip the check to go on without")
+            return self._report(
+                "the participant must test the stop; to continue without it, skip the headset check"
+            )
         return self._ask_senses()
 
     def on_timeout(self) -> CheckFeedback | CheckResult:
@@ -234,7 +236,7 @@ class CheckFeedback(HeadsetCheckPhase):
 
 
 class CheckResult(HeadsetCheckPhase):
-    """Shows whether the headset passed the check, and otherwise the remedies."""
+    """Shows whether the headset passed the check. If not, shows what to do."""
 
     name = "headset"
     awaits_ready = True

@@ -56,17 +56,17 @@ class Finished(Phase):
         self.state.report_headset_time()
 
     def request_break(self, by: events.Initiator) -> Self:
-        """Refused: the session is over."""
+        """Reject the request, because the session is over."""
         return self._refuse("nothing_to_begin", by)
 
     def interrupt(self, interruption: Interruption) -> Self:
-        """Do nothing: the participant takes off the headset."""
+        """Ignore the interruption. The participant usually takes off the headset in this phase."""
         return self
 
     def pause(self) -> Self:
-        """Refused: the session is over."""
+        """Reject the request, because the session is over."""
         return self if self.state.on_hold else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
-        """Refused: the session is over."""
+        """Reject the request, because the session is over."""
         return self._report("the session is finished")

@@ -1,6 +1,6 @@
 """Base classes of phases that share transitions."""
 
-# After the robot has finished, some messages lead to other phases than before.
+# ``RobotFinishedPhase`` overrides methods with other next phases than its base class.
 # pyright: reportIncompatibleMethodOverride=false
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class LocatedPhase(VrPhase):
 
 
 class RobotFinishedPhase(LocatedPhase):
-    """The robot has finished, so the trial counts. After an absence, the participant answers the open questions."""
+    """The robot has finished, so the trial is valid. After an absence, the participant answers the open questions."""
 
     robot_finished = True
 
@@ -186,11 +186,13 @@ class RobotFinishedPhase(LocatedPhase):
 
     def repeat(self) -> phases.TrialStart | Self:
         if self.state.storage.attempt is None:
-            return self._report("the trial is complete; only its questions are open")
+            return self._report(
+                "this trial cannot be repeated, because it is complete; only its questions are open"
+            )
         return super().repeat()
 
     def skip(self) -> phases.TrialStart | phases.Finished:
-        """Continue without the missing answers."""
+        """Complete the trial without the missing answers, and continue."""
         questionnaire_attempt = self.state.storage.questionnaire_attempt
         assert questionnaire_attempt is not None
         self.state.world.hold()
@@ -205,7 +207,7 @@ class RobotFinishedPhase(LocatedPhase):
 
     def repeat_calibration(self) -> Self:
         self.state.height_known, self.state.calibrated_for = False, None
-        return self._report("the participant is measured after the questions")
+        return self._report("the calibration starts after the questions")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
         self.state.correct_torso_height(torso_height_m)
@@ -246,7 +248,7 @@ class QuestionsPhase(LocatedPhase):
         return self
 
     def _take(self, answer: messages.Answer) -> Answer | None:
-        """Returns the answer to the current question. An invalid answer is rejected; the result is then ``None``."""
+        """Store and return the answer to the current question. Rejects an invalid answer and returns ``None``."""
         try:
             return self._questions.take(answer)
         except ValueError as error:

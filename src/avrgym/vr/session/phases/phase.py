@@ -16,10 +16,10 @@ from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """A phase. The participant reads ``message``. If ``seconds`` is set, the phase ends after this time.
+    """One phase of a session. ``message``: the text for the participant. ``seconds``: duration; ``None`` is unlimited.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
-    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial counts. ``in_place``: the
+    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid. ``in_place``: the
     participant's position and direction are known, so a trial can start. ``awaits_ready``: the trigger continues.
     ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body can be changed, because
     no trial runs.
@@ -40,32 +40,32 @@ class Phase:
         self.state = state
 
     def on_enter(self) -> None:
-        """Called once, after the phase is announced."""
+        """Start the phase. The session calls this once, after it has sent the phase to the clients."""
 
     @property
     def question(self) -> messages.Question | None:
-        """The current question."""
+        """The current question; ``None`` if the phase has no questions."""
         return None
 
     # Messages of the participant's client -------------------------------------------------------------------------
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a tracking frame."""
+        """Add a tracking frame to the tracking of the session."""
         self.state.tracking.take(tracking, self.state.now_s)
 
     def on_latency(self, latency: messages.Latency) -> None:
-        """Take the latencies of the last second."""
+        """Record the latencies of the last second."""
         self.state.take_latency(latency)
 
     def on_frames(self, drawn: messages.HeadsetFrames) -> None:
-        """Take the intervals between the rendered frames of the last second."""
+        """Store the intervals between the frames of the last second. Only the headset check uses them."""
 
     def enter_vr(self) -> Phase:
-        """Handle a participant who enters VR, or takes part without a headset. Returns the next phase."""
+        """Handle that the participant enters VR, or starts without a headset. Returns the next phase."""
         return self
 
     def leave_vr(self) -> Phase:
-        """Handle a participant who leaves VR. Returns the next phase."""
+        """Handle that the participant leaves VR. Returns the next phase."""
         return self
 
     def disconnect(self) -> Phase:
@@ -118,9 +118,7 @@ class Phase:
     # Commands of the experimenter ----------------------------------------------------------------------------------
 
     def pause(self) -> Phase:
-        """Prevent trials until ``resume``. If the robot moves or is about to move, the trial ends and is repeated
-        later.
-        """
+        """Prevent trials until ``resume``. This interrupts a running trial, which is repeated later."""
         if not self.state.on_hold:
             self.state.on_hold = True
             self.state.sink.report(events.Paused(self.state.now_s))
@@ -165,8 +163,9 @@ class Phase:
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
-        """Handle a participant who cannot act, or a suspended process. If the robot has finished, the attempt
-        continues.
+        """Handle an interruption: the participant cannot act, or the process was suspended.
+
+        If the robot has finished, the attempt continues.
         """
         self.state.record_event(interruption.name, interruption.why)
         self.state.sink.report(interruption.event)

@@ -22,7 +22,7 @@ from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = Text("waiting")
 REACH_S, REACH_FRAMES = 5.0, 60
-"""Duration of each pose in seconds, and the number of its last frames that are used."""
+"""Duration of each pose with stretched arms, in seconds. Only this number of its last frames is used."""
 
 
 class Waiting(OngoingPhase):
@@ -100,7 +100,7 @@ class ReachMeasurement(VrPhase, ABC):
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
-        """Add a frame. Only the last frames are used."""
+        """Add a tracking frame. Only the last ``REACH_FRAMES`` frames are used."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:
@@ -113,7 +113,7 @@ class ReachMeasurement(VrPhase, ABC):
             self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
 
     def on_ready(self) -> LoadCheck:
-        """Skip the measurement. The arms then have mean length."""
+        """Skip the measurement. The virtual arms then have mean length."""
         return LoadCheck(self.state)
 
     @property
@@ -216,7 +216,7 @@ class Storing(VrPhase):
 
 
 class Check(BetweenTrialsPhase):
-    """The participant checks whether body and seat fit."""
+    """The participant checks whether the virtual body and seat fit the real ones."""
 
     name = "check"
     message = Text("check")

@@ -123,7 +123,7 @@ class Retreat(RobotFinishedPhase):
 
 
 class FreeMovementAfter(RobotFinishedPhase):
-    """The participant moves freely after the robot has finished. The next world is built."""
+    """The participant moves freely after the robot has finished. Meanwhile, the world of the next trial is built."""
 
     name = "free_after"
     message = Text("free_after")
@@ -189,7 +189,7 @@ class Questionnaire(QuestionsPhase, RobotFinishedPhase):
 
 
 class Confirm(RobotFinishedPhase):
-    """Every question is answered. The participant confirms the answers, or goes back to change some."""
+    """The participant has answered every question, and confirms the answers or goes back to change them."""
 
     name = "confirm"
     message = Text("confirm")
