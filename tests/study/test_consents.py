@@ -332,7 +332,7 @@ def before_the_archive(store: Store) -> None:
         hash_chain.delete(connection, schema.CONSENT)
         hash_chain.delete(connection, schema.DESIGN)
     with store.database.write() as connection:
-        for table in ("link", "consent", "consent_text", "design"):
+        for table in ("invitation_use", "invitation", "link", "consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
         for table in ("participant", "attempt"):
             connection.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN input_profile"))

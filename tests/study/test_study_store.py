@@ -619,6 +619,7 @@ def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
 
 
 ADDED = {
+    "0014_invitations": ["DROP TABLE invitation_use", "DROP TABLE invitation"],
     "0013_caregivers": [
         f"ALTER TABLE {table} DROP COLUMN {column}"
         for table, column in (

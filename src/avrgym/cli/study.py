@@ -8,6 +8,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
+from avrgym.cli.invitations import invitations, invite
 from avrgym.cli.names import encrypt_names, names, print_key, unlock
 from avrgym.cli.options import PEOPLE, Cluster, Impairment, cluster_connection
 from avrgym.cli.participant_records import (
@@ -77,6 +78,8 @@ app.command()(preferences)
 app.command("furniture")(own_furniture)
 app.command()(respondent)
 app.command("input")(change_input)
+app.command()(invite)
+app.command()(invitations)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)

@@ -18,7 +18,15 @@ Row = Mapping[str, Any]
 MERGED_TABLES = tuple(
     table
     for table in schema.METADATA.sorted_tables
-    if table not in (schema.STUDY, schema.SITE, schema.EXPERIMENTER, schema.LEDGER)
+    if table
+    not in (
+        schema.STUDY,
+        schema.SITE,
+        schema.EXPERIMENTER,
+        schema.INVITATION,
+        schema.INVITATION_USE,
+        schema.LEDGER,
+    )
 )
 """Tables to merge, in the order of their foreign keys."""
 

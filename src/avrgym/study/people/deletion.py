@@ -7,7 +7,14 @@ import sqlalchemy as sa
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.analysis_files import FOLDER, remove_analysis
 from avrgym.study.storage.database import BACKUPS
-from avrgym.study.storage.rows import RECORDINGS, Participant, StudySession, Tombstone, participant_number
+from avrgym.study.storage.rows import (
+    RECORDINGS,
+    InvitationUse,
+    Participant,
+    StudySession,
+    Tombstone,
+    participant_number,
+)
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import may_be_running
 from avrgym.study.storage.states import StudyError
@@ -55,6 +62,9 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
     number = participant.number
     own = schema.SESSION.c.participant == number
     visits = sa.select(schema.SESSION.c.id).where(own)
+    for use in find_all(connection, InvitationUse, participant=number):  # its place remains used
+        erased = {"participant": None, "service_study": None, "service_session": None}
+        hash_chain.update(connection, schema.INVITATION_USE, use.id, **erased)
     for table, condition in (
         (schema.NOTE, schema.NOTE.c.participant == number),
         (schema.ADVERSE_EVENT, schema.ADVERSE_EVENT.c.participant == number),

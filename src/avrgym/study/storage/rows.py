@@ -284,6 +284,35 @@ class ParticipantLink:
 
 
 @dataclass(frozen=True)
+class Invitation:
+    """An invitation to a hosted study: the checksum of its token, and the number of participants that it admits."""
+
+    id: int
+    created_at: str
+    sha256: str
+    label: str | None
+    expires_at: str
+    places: int
+    closed_at: str | None
+
+
+@dataclass(frozen=True)
+class InvitationUse:
+    """A participant who enrolled with an invitation; ``None`` after the participant's deletion.
+
+    ``sha256``: checksum of the participant's own token.
+    """
+
+    id: int
+    invitation: int
+    participant: int | None
+    at: str
+    sha256: str
+    service_study: str | None
+    service_session: str | None
+
+
+@dataclass(frozen=True)
 class Site:
     """A merged site: number, name, and the head of its hash chain (``entries``, ``digest``) at the latest merge."""
 

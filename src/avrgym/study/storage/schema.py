@@ -264,6 +264,39 @@ LINK = Table(
 """Session links of participants, and with the role ``caregiver`` those of caregivers. Only the latest link of an open
 session is valid for a participant."""
 
+INVITATION = Table(
+    "invitation",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("created_at", String, nullable=False),
+    Column("sha256", String, nullable=False),
+    Column("label", String),
+    Column("expires_at", String, nullable=False),
+    Column("places", Integer, nullable=False),
+    Column("closed_at", String),
+    _salt(),
+    UniqueConstraint("sha256"),
+)
+"""Invitations to a hosted study. ``sha256``: checksum of the link's token. ``places``: maximum number of participants;
+1 for a single-use link. ``label``: a reference of the experimenter, without names."""
+
+INVITATION_USE = Table(
+    "invitation_use",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("invitation", Integer, ForeignKey("invitation.id"), nullable=False),
+    Column("participant", Integer, ForeignKey("participant.number")),
+    Column("at", String, nullable=False),
+    Column("sha256", String, nullable=False),
+    Column("service_study", String),
+    Column("service_session", String),
+    _salt(),
+    UniqueConstraint("sha256"),
+)
+"""Participants who enrolled with an invitation; ``participant`` is null after their deletion. ``sha256``: checksum of
+the participant's own token.
+``service_study`` and ``service_session``: the recruitment service's ids of its study and session."""
+
 TOMBSTONE = Table(
     "tombstone",
     METADATA,

@@ -28,6 +28,8 @@ from avrgym.study.storage.rows import (
     Consent,
     ConsentText,
     Experimenter,
+    Invitation,
+    InvitationUse,
     LogEntry,
     Note,
     Participant,
@@ -66,6 +68,8 @@ TABLES: Mapping[type, sa.Table] = {
     Site: schema.SITE,
     Experimenter: schema.EXPERIMENTER,
     LogEntry: schema.LOG,
+    Invitation: schema.INVITATION,
+    InvitationUse: schema.INVITATION_USE,
 }
 
 

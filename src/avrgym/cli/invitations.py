@@ -1,0 +1,94 @@
+"""Commands of ``avrgym study`` for invitations to a hosted study."""
+
+import csv
+from dataclasses import asdict
+from errno import EEXIST
+from io import StringIO
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.activity_log import log
+from avrgym.cli.plan import Folder
+from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
+
+
+def invite(
+    folder: Folder,
+    address: Annotated[str, typer.Option(help="The public address of the study, such as https://study.org.")],
+    out: Annotated[Path, typer.Option(help="Write the links to this new CSV file.", metavar="CSV")],
+    number: Annotated[int, typer.Option(help="Number of invitations.", min=1, max=100_000)] = 1,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            help="A CSV file with the column label: one invitation for each row. Labels must not contain names.",
+            metavar="CSV",
+        ),
+    ] = None,
+    places: Annotated[
+        int, typer.Option(help="Participants for each link; 1 makes single-use links.", min=1)
+    ] = 1,
+    days: Annotated[float, typer.Option(help="Days until the links expire.")] = 14.0,
+) -> None:
+    """Create invitation links for participants at home.
+
+    The links are written once; the study stores only their checksums.
+    """
+    from avrgym.hosting.addresses import check_address, invitation_link
+    from avrgym.study.people.invitations import create_invitations
+    from avrgym.study.storage.store import Store
+    from avrgym.system.files import write_new
+
+    with report_errors(), Store(folder) as store:
+        base = check_address(address)
+        wanted = [""] * number if labels is None else _read_labels(labels)
+        if out.exists():
+            raise FileExistsError(EEXIST, "file exists", str(out))
+        created = create_invitations(store, wanted, days=days, places=places)
+        log(store, "create invitations", detail=f"{len(created)} with {places} places")
+        table = StringIO()
+        rows = csv.writer(table, lineterminator="\n")
+        rows.writerow(["id", "label", "link", "expires_at", "places"])
+        for each in created:
+            link = invitation_link(base, each.token)
+            rows.writerow([each.id, each.label, link, each.expires_at, each.places])
+        write_new(out, table.getvalue())
+    print_line(f"links     {out} ({len(created)}, valid until {created[0].expires_at[:16]} UTC)")
+
+
+def invitations(
+    folder: Folder,
+    close: Annotated[
+        int | None, typer.Option(help="Close the invitation with this id.", metavar="ID")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """List the invitations with the number of participants who used them."""
+    from avrgym.study.people.invitations import close_invitation, list_invitations
+    from avrgym.study.storage.store import Store
+
+    with report_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            if close is not None:
+                close_invitation(store, close)
+                log(store, "close invitation", detail=str(close))
+            rows = [asdict(each) for each in list_invitations(store)]
+        write_json(json_file, rows)
+    if rows:
+        print_table(rows)
+    else:
+        print_line(f"there are no invitations; `avrgym study invite {folder}` creates them")
+
+
+def _read_labels(path: Path) -> list[str]:
+    """Returns the labels of a CSV file. Raises ``ValueError`` for a file without labels."""
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = csv.DictReader(file)
+        if "label" not in (rows.fieldnames or ()):
+            raise ValueError(f"{path} has no column label; its first row must contain the column names")
+        labels = [(row["label"] or "").strip() for row in rows]
+    if not labels or not all(labels):
+        raise ValueError(f"{path} must contain a label in each row")
+    return labels

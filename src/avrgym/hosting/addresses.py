@@ -1,0 +1,34 @@
+"""Public address of a hosted study, and the links to it. Tokens are in the fragment, which browsers do not send."""
+
+from urllib.parse import urlsplit
+
+from avrgym.vr.server.addresses import LOOPBACK
+
+
+def check_address(address: str) -> str:
+    """Returns the origin of a public address, without a slash at the end.
+
+    Raises:
+        ValueError: for an address that is not an origin, or without TLS for another computer.
+    """
+    try:
+        parts = urlsplit(address)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        parts, host = urlsplit(""), None
+    is_origin = parts.path in ("", "/") and not parts.query and not parts.fragment and not parts.username
+    if parts.scheme not in ("https", "http") or not host or not is_origin:
+        raise ValueError(f"{address!r} is not a public address; allowed: https://HOST or https://HOST:PORT")
+    if parts.scheme == "http" and host not in LOOPBACK:
+        raise ValueError(f"{address!r} has no TLS; browsers allow VR only on https pages")
+    return f"{parts.scheme}://{parts.netloc.lower()}"
+
+
+def invitation_link(origin: str, token: str) -> str:
+    """Returns the link of an invitation."""
+    return f"{origin}/#invitation={token}"
+
+
+def participant_link(origin: str, token: str) -> str:
+    """Returns the link of a participant's own page."""
+    return f"{origin}/#participant={token}"

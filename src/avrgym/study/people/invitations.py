@@ -1,0 +1,257 @@
+"""Invitations to a hosted study: links with a random token, an expiry time and a number of places.
+
+The study stores only checksums of tokens. A participant who enrols with an invitation receives an own token, which
+opens their page until the study ends. The participant's id at a recruitment service is stored only in the identity
+file.
+"""
+
+import hashlib
+import secrets
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+
+from avrgym.models.human import Sex
+from avrgym.study.design.validation import NAME
+from avrgym.study.people.identities import PossibleDuplicate
+from avrgym.study.people.participants import enrol
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.free_text import check_line
+from avrgym.study.storage.rows import Invitation, InvitationUse, participant_number, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find, find_all
+
+TOKEN_BYTES = 16
+MAX_PLACES = 1_000_000
+MAX_DAYS = 3650
+_enrolling = threading.Lock()
+
+
+class InvitationError(StudyError):
+    """An invitation cannot be used. ``reason``: ``unknown``, ``expired``, ``full``, ``closed`` or ``duplicate``."""
+
+    def __init__(self, reason: str, message: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class NewInvitation:
+    """A new invitation with its token, which is not stored."""
+
+    id: int
+    label: str
+    token: str
+    expires_at: str
+    places: int
+
+
+@dataclass(frozen=True)
+class InvitationSummary:
+    """An invitation and the number of participants who enrolled with it. ``state``: ``open`` or a reason."""
+
+    id: int
+    label: str
+    expires_at: str
+    places: int
+    used: int
+    state: str
+
+
+@dataclass(frozen=True)
+class ServiceIds:
+    """Ids of a recruitment service: participant, study and session. Empty without a service."""
+
+    participant: str = ""
+    study: str = ""
+    session: str = ""
+
+
+def token_sha256(token: str) -> str:
+    """Returns the checksum of a token, which is stored."""
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def create_invitations(
+    store: Store, labels: Sequence[str], *, days: float, places: int = 1
+) -> list[NewInvitation]:
+    """Create one invitation for each label. An empty label is allowed.
+
+    Args:
+        store: the study.
+        labels: references of the experimenter, without names.
+        days: time until the invitations expire, in days.
+        places: maximum number of participants of each invitation.
+
+    Raises:
+        StudyError: for an invalid or repeated label, or for an invalid number. No invitation is created then.
+    """
+    if not 0.0 < days <= MAX_DAYS:
+        raise StudyError(f"invitations are valid for {days:g} days; allowed: more than 0, at most {MAX_DAYS}")
+    if not 1 <= places <= MAX_PLACES:
+        raise StudyError(f"an invitation has {places} places; allowed: 1 to {MAX_PLACES}")
+    named = [label for label in labels if label]
+    for label in named:
+        if not NAME.fullmatch(label):
+            raise StudyError(f"{label!r} is not a valid label; allowed: at most 40 letters, digits, - and _")
+    expires_at = (datetime.now(UTC) + timedelta(days=days)).isoformat(timespec="microseconds")
+    created: list[NewInvitation] = []
+    with store.write() as connection:
+        known = [each.label for each in find_all(connection, Invitation)]
+        for label in named:
+            if named.count(label) > 1 or label in known:
+                raise StudyError(f"label {label} is used twice; allowed: a unique label for each invitation")
+        for label in labels:
+            token = secrets.token_urlsafe(TOKEN_BYTES)
+            key = hash_chain.insert(
+                connection,
+                schema.INVITATION,
+                created_at=now(),
+                sha256=token_sha256(token),
+                label=label or None,
+                expires_at=expires_at,
+                places=places,
+            )
+            created.append(NewInvitation(key, label, token, expires_at, places))
+    return created
+
+
+def list_invitations(store: Store) -> list[InvitationSummary]:
+    """Returns all invitations in the order of creation."""
+    with store.database.read() as connection:
+        uses = [use.invitation for use in find_all(connection, InvitationUse)]
+        return [
+            InvitationSummary(
+                each.id,
+                each.label or "",
+                each.expires_at,
+                each.places,
+                uses.count(each.id),
+                _refusal(each, uses.count(each.id)) or "open",
+            )
+            for each in find_all(connection, Invitation)
+        ]
+
+
+def close_invitation(store: Store, invitation: int) -> None:
+    """Close an invitation: nobody can enrol with it. Raises ``StudyError`` for an unknown id."""
+    with store.write() as connection:
+        if not find_all(connection, Invitation, id=invitation):
+            raise StudyError(
+                f"there is no invitation {invitation}; `avrgym study invitations` lists all invitations"
+            )
+        hash_chain.update(connection, schema.INVITATION, invitation, closed_at=now())
+
+
+def check_invitation(store: Store, token: str) -> Invitation:
+    """Returns the invitation with this token.
+
+    Raises:
+        InvitationError: if it is unknown, expired or closed, or has no free place.
+    """
+    with store.database.read() as connection:
+        return _usable(connection, token)
+
+
+def enrol_invited(
+    store: Store,
+    token: str,
+    sex: Sex,
+    *,
+    age_years: int | None = None,
+    language: str = "",
+    service: ServiceIds = ServiceIds(),
+    simulated: bool = False,
+) -> tuple[str, str]:
+    """Enrol a participant with an invitation. Returns the pseudonym and the participant's own token.
+
+    Arguments: see ``enrol``. ``service.participant`` is stored as the contact in the identity file.
+
+    Raises:
+        InvitationError: if the invitation cannot be used, or if the id at the recruitment service took part already.
+        StudyError: see ``enrol``. The invitation is then not used.
+    """
+    for what, value in (("study id", service.study), ("session id", service.session)):
+        check_line(f"the {what}", value)
+    with _enrolling:
+        check_invitation(store, token)
+        try:
+            pseudonym = enrol(
+                store,
+                sex,
+                age_years=age_years,
+                language=language,
+                contact="" if simulated else service.participant,
+                simulated=simulated,
+            )
+        except PossibleDuplicate:
+            raise InvitationError("duplicate", "this person takes part in the study already") from None
+        own = secrets.token_urlsafe(TOKEN_BYTES)
+        with store.write() as connection:
+            hash_chain.insert(
+                connection,
+                schema.INVITATION_USE,
+                invitation=_usable(connection, token).id,
+                participant=participant_number(pseudonym),
+                at=now(),
+                sha256=token_sha256(own),
+                service_study=service.study or None,
+                service_session=service.session or None,
+            )
+    return pseudonym, own
+
+
+def participant_of_token(store: Store, token: str) -> str | None:
+    """Returns the pseudonym of the participant with this own token; ``None`` for an unknown token."""
+    with store.database.read() as connection:
+        uses = find_all(connection, InvitationUse, sha256=token_sha256(token))
+    number = uses[0].participant if uses else None
+    return None if number is None else pseudonym_of(number)
+
+
+def replace_token(store: Store, pseudonym: str) -> str:
+    """Create a new own token of a participant, and return it. The earlier token becomes invalid.
+
+    Raises ``StudyError`` for a participant without an invitation.
+    """
+    own = secrets.token_urlsafe(TOKEN_BYTES)
+    with store.write() as connection:
+        use = find(
+            connection,
+            InvitationUse,
+            f"invitation of {pseudonym}",
+            participant=participant_number(pseudonym),
+        )
+        hash_chain.update(connection, schema.INVITATION_USE, use.id, sha256=token_sha256(own))
+    return own
+
+
+def _usable(connection: sa.Connection, token: str) -> Invitation:
+    found = find_all(connection, Invitation, sha256=token_sha256(token))
+    if not found:
+        raise InvitationError("unknown", "this invitation is unknown; open the link again as you received it")
+    used = len(find_all(connection, InvitationUse, invitation=found[0].id))
+    reason = _refusal(found[0], used)
+    if reason:
+        raise InvitationError(reason, _MESSAGES[reason])
+    return found[0]
+
+
+_MESSAGES = {
+    "closed": "this invitation is closed",
+    "expired": "this invitation has expired",
+    "full": "this invitation has been used; each place is for one participant",
+}
+
+
+def _refusal(invitation: Invitation, used: int) -> str:
+    """Returns the reason why nobody can enrol with an invitation; empty if somebody can."""
+    if invitation.closed_at is not None:
+        return "closed"
+    if datetime.now(UTC) >= datetime.fromisoformat(invitation.expires_at):
+        return "expired"
+    return "full" if used >= invitation.places else ""
