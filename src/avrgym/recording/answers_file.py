@@ -21,8 +21,9 @@ class StoredAnswer(msgspec.Struct, frozen=True):
 
 
 def answers_path(recording: str | os.PathLike[str]) -> Path:
-    """Returns the path of a recording's answers file. The file exists only if the participant answered after the
-    recording was closed.
+    """Returns the path of a recording's answers file.
+
+    The file exists only if the participant has given answers after the end of the recording.
     """
     return Path(recording).with_suffix(ANSWERS_SUFFIX)
 

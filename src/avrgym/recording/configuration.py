@@ -43,7 +43,7 @@ class Versions(msgspec.Struct, frozen=True):
 class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
     """A consent. A field is ``None`` if the study did not store it."""
 
-    at: Annotated[str, Meta(description="ISO 8601, UTC.")]
+    at: Annotated[str, Meta(description="Time of the consent: ISO 8601, UTC.")]
     version: str | None = None
     language: str | None = None
     sha256: Annotated[str | None, Meta(description="Checksum of the consent text.")] = None
@@ -72,9 +72,11 @@ class TrackedPart(msgspec.Struct, frozen=True):
 class HeadsetCheck(msgspec.Struct, frozen=True):
     """The measurements of the headset check. A value is ``None`` if it was not measured."""
 
-    device: Annotated[str, Meta(description="As the browser reports it.")]
+    device: Annotated[str, Meta(description="Name of the device, as the browser reports it.")]
     emulated: bool
-    profiles: Annotated[list[str], Meta(description="Of the controllers, as the browser reports them.")]
+    profiles: Annotated[
+        list[str], Meta(description="WebXR profiles of the controllers, as the browser reports them.")
+    ]
     display_hz: float | None
     seconds: Annotated[float, Meta(description="Duration of the measurement.")]
     frames: int
@@ -88,8 +90,8 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     right: TrackedPart
     haptics: Annotated[bool | None, Meta(description="Whether the participant felt the vibration.")] = None
     sound: Annotated[bool | None, Meta(description="Whether the participant heard the sound.")] = None
-    stop: Annotated[str | None, Meta(description="How the participant tried the stop, or `none`.")] = None
-    stop_after_s: Annotated[float | None, Meta(description="From the request to the stop.")] = None
+    stop: Annotated[str | None, Meta(description="Stop method that the participant tried, or `none`.")] = None
+    stop_after_s: Annotated[float | None, Meta(description="Time from the request to the stop.")] = None
 
 
 class Configuration(msgspec.Struct, frozen=True, kw_only=True):
@@ -125,7 +127,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     force_guard: bool
     withdraw_after_success: bool
     free_movement_s: Annotated[
-        float | None, Meta(description="Free movement before and after the trial.")
+        float | None, Meta(description="Duration of free movement before and after the trial.")
     ] = None
     stop_rules: Annotated[tuple[StopRule, ...] | None, Meta(description="The stop rules of the study.")] = (
         None
@@ -136,16 +138,16 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
         RecordedConsent | None, Meta(description="Consent of a representative; `consent` is then the assent.")
     ] = None
     respondent: Annotated[
-        str, Meta(description="Who answers the questionnaires: `participant` or `proxy`.")
+        str, Meta(description="Person who answers the questionnaires: `participant` or `proxy`.")
     ] = "participant"
     input_profile: Annotated[
-        InputProfile, Meta(description="How the participant selected and stopped, at the start of the trial.")
+        InputProfile, Meta(description="Input profile of the participant at the start of the trial.")
     ] = CONTROLLERS
     settings: Annotated[
         Settings, Meta(description="Settings of the environment that differ from the defaults.")
     ] = DEFAULTS
     rules: Annotated[
-        AppliedRules | None, Meta(description="Commands, sources and preferences of the trial.")
+        AppliedRules | None, Meta(description="Allowed commands, input sources and preferences of the trial.")
     ] = None
     furniture: RealFurniture
     reward_weights: dict[str, float]
@@ -160,12 +162,13 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def start_person(self) -> Person:
-        """The person at the start of the episode. Raises ``ValueError`` for values outside the model's limits."""
+        """The person at the start of the episode. Raises ``ValueError`` if the values are outside the limits of the
+        body model."""
         return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
 
 
 def configuration_from_metadata(values: Mapping[str, Any]) -> Configuration:
-    """Returns the configuration in a metadata record.
+    """Returns the configuration from the values of a metadata record.
 
     Raises:
         ValueError: for missing or invalid fields, or for a newer format version.
@@ -173,6 +176,6 @@ def configuration_from_metadata(values: Mapping[str, Any]) -> Configuration:
     version = values.get("format_version", FORMAT_VERSION)
     if isinstance(version, int) and version > FORMAT_VERSION:
         raise ValueError(
-            f"its format version is {version}; this release reads up to {FORMAT_VERSION}: update avrgym"
+            f"its format version is {version}; allowed: up to {FORMAT_VERSION}; run `pip install --upgrade avrgym`"
         )
     return msgspec.convert(values, Configuration)

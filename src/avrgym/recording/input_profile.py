@@ -1,9 +1,9 @@
-"""Input profiles: the body functions with which a participant selects and stops, and the presentation of texts.
+"""Input profiles: how a participant selects targets and stops the robot, and how texts are presented.
 
-A method determines how a target is highlighted and selected. With ``head``, the participant looks at a target until its
-ring is full (dwell). With ``one-switch``, the highlight moves by itself, and the switch selects (automatic scanning).
-With ``two-switches``, one switch moves the highlight, and the other selects (step scanning). With ``experimenter``, the
-experimenter selects on the dashboard.
+The input method determines how a target is highlighted and selected. With ``head``, the participant looks at a target
+until its ring is full (dwell). With ``one-switch``, the highlight moves by itself, and the switch selects (automatic
+scanning). With ``two-switches``, one switch moves the highlight, and the other selects (step scanning). With
+``experimenter``, the experimenter selects on the dashboard.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ USED_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
     "left-hand": frozenset({"left"}),
     "right-hand": frozenset({"right"}),
 }
-"""The arms with which a participant points. Methods that are not listed need no arm."""
+"""The arms with which a participant points, by input method. Other methods need no arm."""
 POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "controllers": ("buttons", "palm", "gaze", "experimenter"),
     "hands": ("palm", "gaze", "experimenter"),
@@ -37,21 +37,22 @@ POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "two-switches": ("switch", "gaze", "experimenter"),
     "experimenter": ("gaze", "experimenter"),
 }
-"""The ways to stop that each method allows. The default is the first one; with ``experimenter``, all."""
+"""The stop inputs that each input method allows. The default is the first one, or with ``experimenter`` all of them."""
 DURATION_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
-"""Allowed durations in seconds."""
+"""Minimum and maximum of durations in seconds, by field."""
 MAX_KEY_LENGTH = 32
+"""Maximum length of a key's name, such as ``Enter``."""
 
 
 class InputProfileError(ValueError):
-    """Raised for an impossible input profile. The message contains the allowed values."""
+    """Raised for an invalid input profile. The message contains the allowed values."""
 
 
 class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How a participant selects, stops, reads and hears. The defaults are two controllers.
+    """How a participant selects targets, stops the robot, and receives texts. Default: two controllers.
 
     Raises:
-        InputProfileError: for a value out of range, a profile without a way to stop, or contradictory arms.
+        InputProfileError: for a value out of range, a profile without a stop input, or contradictory arms.
     """
 
     method: Annotated[InputMethod, Meta(description="How the participant selects.")] = "controllers"
@@ -89,8 +90,8 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         used = USED_ARMS.get(self.method, frozenset())
         if used and used <= unusable:
             raise InputProfileError(
-                f"{self.method} needs an arm that rests or is absent; allowed: head, one-switch, two-switches, "
-                "experimenter, or another hand"
+                f"input method {self.method} needs an arm that rests or is absent; allowed: head, one-switch, "
+                "two-switches, experimenter, or the other hand"
             )
         if not self.stop_ways:
             raise InputProfileError(
@@ -105,23 +106,24 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def stop_ways(self) -> tuple[StopInput, ...]:
-        """The participant's ways to stop the robot. Keys, menu buttons and the experimenter always stop it too."""
+        """The participant's stop inputs. Keys, menu buttons and the experimenter can always stop the robot too."""
         possible = POSSIBLE_STOPS[self.method]
         default = possible if self.method == "experimenter" else possible[:1]
         return default if self.stops is None else self.stops
 
     @property
     def used_arms(self) -> tuple[Arm, ...]:
-        """The arms that are tracked while the participant takes part. The other arms rest."""
+        """The arms that are tracked during a session. The other arms rest."""
         unusable = {*self.resting_arms, *self.absent_arms}
         return tuple(arm for arm in ARMS if arm in USED_ARMS.get(self.method, ()) and arm not in unusable)
 
     def needs(self, part: BodyPart) -> bool:
-        """Returns whether tracking of a body part can get lost. Resting and absent arms never count as lost."""
+        """Returns whether a body part must be tracked: the head and ``used_arms``. Resting and absent arms need no
+        tracking."""
         return part == "head" or part in self.used_arms
 
     def describe(self) -> str:
-        """Returns the profile in one line, in English."""
+        """Returns a description of the profile in one line, in English."""
         settings = {
             "head": f"dwell {self.dwell_s:g} s",
             "one-switch": f"scan {self.scan_s:g} s",
@@ -138,10 +140,11 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 CONTROLLERS = InputProfile()
+"""The default profile: two controllers."""
 
 
 def read_profile(values: object) -> InputProfile:
-    """Returns the profile of a table of values. Raises ``InputProfileError`` if it is impossible."""
+    """Returns the input profile from a table of values. Raises ``InputProfileError`` for invalid values."""
     try:
         return msgspec.convert(values, InputProfile)
     except msgspec.ValidationError as error:

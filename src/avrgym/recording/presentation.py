@@ -8,7 +8,7 @@ from msgspec import Meta
 Contrast = Literal["normal", "high"]
 PanelPosition = Literal["left", "centre", "right"]
 RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
-"""Allowed values."""
+"""Minimum and maximum of each numerical preference."""
 
 
 class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,7 +48,7 @@ class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
     def describe(self) -> str:
-        """Returns the preferences that differ from the defaults in one line, in English."""
+        """Returns a description, in one line of English, of the preferences that differ from the defaults."""
         default = Presentation()
         words = {
             "text_deg": f"text {self.text_deg:g}°",

@@ -1,4 +1,4 @@
-"""Read the recording of a trial. It may be complete, or truncated by a crash."""
+"""Reads the recording of a trial. The recording may be complete, or truncated by a crash."""
 
 import os
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _NO_RECORDING = "not a recording, or truncated before the end of its header"
 
 
 class RecordingError(Exception):
-    """Raised if a recording cannot be written completely, or if a file is not a recording."""
+    """Raised if a recording cannot be written completely, or if a file is not a valid recording."""
 
 
 class Header(NamedTuple):
@@ -36,10 +36,15 @@ class Header(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """Contents of a recording: its messages (topic, log_time_ns, record) in the order in which they were written.
+    """Contents of a recording.
 
-    ``complete``: whether the trial has an outcome and no data are missing. ``began_at``: start of the trial, UTC.
-    ``robot_finished``: the outcome at the end of the last control step; ``None`` if the robot did not finish.
+    Attributes:
+        configuration: all parameters of the trial.
+        outcome: end and metrics of the attempt; ``None`` if the recording is truncated.
+        messages: all messages (topic, log_time_ns, record), in the order in which they were written.
+        complete: whether the recording has an outcome and no data are missing.
+        began_at: start of the trial, UTC.
+        robot_finished: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
 
     configuration: Configuration
@@ -51,7 +56,7 @@ class Recording:
 
     @property
     def result(self) -> AttemptEnd | None:
-        """How the attempt ended; ``None`` if the recording is truncated."""
+        """How the attempt ended, one of ``ATTEMPT_ENDS``; ``None`` if the recording is truncated."""
         return None if self.outcome is None else self.outcome.result
 
     @property
@@ -76,9 +81,9 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read and return a recording, until its end or the first damage.
+    """Reads a recording until its end or the first damage. Returns its contents.
 
-    Answers in the answers file (see ``answers_file``) are appended, with the time of the last message.
+    The answers of the answers file (see ``answers_file``) are appended, with the time of the last message.
 
     Raises:
         RecordingError: if the file has no valid header.
@@ -101,7 +106,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def read_header(path: str | os.PathLike[str]) -> Header:
-    """Returns configuration and start time. Raises ``RecordingError`` if the header is missing or invalid."""
+    """Returns configuration and start time of a recording. Raises ``RecordingError`` if they are missing or invalid."""
     with open(path, "rb") as file:
         try:
             return _header(path, StreamReader(file, emit_chunks=True).records)
@@ -122,13 +127,15 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
                 began_at = datetime.fromisoformat(metadata[ORIGIN]["began_at"])
                 return Header(configuration_from_metadata(metadata[CONFIGURATION]), began_at)
             except (KeyError, TypeError, ValueError) as error:
-                raise RecordingError(f"{path}: its configuration is not valid: {error}") from error
+                raise RecordingError(
+                    f"{path}: the configuration in this recording is not valid: {error}"
+                ) from error
     raise RecordingError(f"{path}: {_NO_RECORDING}")
 
 
 def read_intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
-    """Returns the records before the first damage, whether the file is undamaged, and the offset after the last intact
-    data record.
+    """Returns the records before the first damage, whether the file is undamaged, and the byte offset after the last
+    intact data record.
 
     All messages are in chunks with checksums. A message outside a chunk is therefore a damaged record of another type.
     """

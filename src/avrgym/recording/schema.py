@@ -63,9 +63,9 @@ class TrackingFrame(Record, frozen=True):
 
 
 class BodyTargets(Record, frozen=True):
-    """Joint targets of the person's body from the next physics step on; recorded when they change.
+    """Joint targets of the person from the next physics step, in radians. Recorded when they change.
 
-    In radians, in the order of the configuration's ``joints``.
+    The order is that of ``joints`` in the configuration.
     """
 
     joint_targets: list[float]
@@ -122,8 +122,8 @@ class Event(Record, frozen=True):
 class RobotCommand(Record, frozen=True):
     """A command of the participant to the robot, see ``avrgym.commands.vocabulary``.
 
-    ``source``: where it came from. ``step``: number of finished control steps. ``effective``: the robot's pacing layer
-    reacted. ``refusal``: the reason why the command was ignored; empty if it was allowed.
+    ``source``: input source, such as ``button`` or ``nod``. ``step``: number of finished control steps. ``effective``:
+    the pacing layer reacted. ``refusal``: the reason why the command was ignored; empty if it was allowed.
     """
 
     name: str
@@ -134,11 +134,11 @@ class RobotCommand(Record, frozen=True):
 
 
 class Pacing(Record, frozen=True):
-    """The pacing layer at the end of a control step, see ``avrgym.safety.pacing``.
+    """State of the pacing layer at the end of a control step, see ``avrgym.safety.pacing``.
 
-    ``mode``: what it did. ``speed_factor``: factor of the policy's speed. ``distance_m``: preferred distance. ``side``:
-    preferred side (1 left, -1 right, 0 any). ``gap_m``: distance between tool and mouth or arm. ``tool_speed_m_s``:
-    speed of the tool.
+    ``mode``: mode, such as ``waiting``. ``speed_factor``: factor of the policy's speed. ``distance_m``: preferred
+    distance. ``side``: preferred side (1 left, -1 right, 0 any). ``gap_m``: distance between tool and mouth or arm.
+    ``tool_speed_m_s``: speed of the tool.
     """
 
     step: int
@@ -165,12 +165,13 @@ _Milliseconds = Annotated[
 
 
 class Latency(Record, frozen=True):
-    """Latency of tracking frames from pose to picture by stage, in milliseconds. Each list has an entry for each frame.
+    """Latency of tracking frames from pose to displayed image by stage, in milliseconds. Each list has one entry per
+    frame.
 
-    ``sequence``: the frames, each the newest in its state. ``sample_ms``: from pose to sending; ``up_ms``: to arrival
-    at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state; ``down_ms``: to
-    arrival at the client; ``draw_ms``: to the picture. The clocks of client and server are synchronised: the fastest
-    messages are assumed to take equal times in both directions.
+    ``sequence``: numbers of the frames, each the newest in its state. ``sample_ms``: from pose to sending; ``up_ms``:
+    to arrival at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state;
+    ``down_ms``: to arrival at the client; ``draw_ms``: to the displayed image. The clocks of client and server are
+    synchronised: the fastest messages are assumed to take equal times in both directions.
     """
 
     sequence: _Numbers
@@ -230,7 +231,7 @@ TOPICS: dict[str, type[Record]] = {
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""End of an attempt. Only ``completed`` attempts count: the robot finished, and the recording is complete."""
+"""How an attempt ended. Only ``completed`` attempts are analysed: the robot finished, and the recording is complete."""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 
@@ -238,7 +239,7 @@ class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
     """Metrics of an attempt; ``None`` if unknown.
 
     ``steps``: number of control steps. ``reward``: sum over these steps. ``success``: whether the robot succeeded.
-    ``seconds``: duration of the attempt, including free movement and questions.
+    ``seconds``: duration of the attempt, with free movement and questions.
     """
 
     steps: int | None = None
@@ -262,7 +263,7 @@ _decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.v
 
 
 def encode(value: Any) -> bytes:
-    """Returns a record or another plain value as JSON."""
+    """Returns a record, or another value of JSON types, as JSON bytes."""
     data = _encoder.encode(value)
     if b"null" in data:
         data = _encoder.encode(_spell_out(msgspec.to_builtins(value)))
@@ -270,7 +271,8 @@ def encode(value: Any) -> bytes:
 
 
 def decode(topic: str, data: bytes) -> Any:
-    """Decode and return a record of ``topic``. Raises ``msgspec.DecodeError`` for invalid data."""
+    """Returns the record of ``topic`` that ``data`` (JSON) contains. Raises ``msgspec.DecodeError`` for invalid
+    data."""
     return _decoders[TOPICS[topic]].decode(data)
 
 

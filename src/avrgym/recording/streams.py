@@ -1,8 +1,8 @@
-"""Sample times of other devices' streams: correction of clock resets; number of gaps; jitter.
+"""Sample times of streams from other devices: correction of clock resets, number of gaps, and jitter.
 
-The clock of a device can jump (clock reset). Times after a reset are corrected. Corrected times never decrease. Gaps
-and resets are distinguished by arrival times on the session's clock: at a gap, sample times and arrival times both
-pause. At a reset, the delay from sample to arrival changes by the jump.
+The clock of a device can jump (clock reset). Times after a reset are corrected. Corrected times never decrease. Arrival
+times on the session's clock distinguish gaps from resets. At a gap, sample times and arrival times both pause. At a
+reset, the delay from sample to arrival changes by the jump.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,22 +19,25 @@ from avrgym.system.columns import Column
 GAP_INTERVALS = 5.0
 """A gap in a regular stream is longer than this number of sample intervals."""
 MAX_LEAD_S, MAX_STEP_BACK_S = 0.25, 0.05
-"""In seconds. A smaller forward step of the sample times is a gap, a smaller backward step is jitter."""
+"""Minimum forward and backward step of sample times that can be a clock reset. A smaller forward step is a gap, a
+smaller backward step is jitter."""
 MAX_DELAY_S = 60.0
-"""Largest plausible delay from sample to arrival: the buffer length of Lab Streaming Layer."""
+"""Maximum plausible delay from sample to arrival: the buffer length of Lab Streaming Layer."""
 MIN_SAMPLES = 10
 """Minimum number of samples for the computation of jitter."""
 
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
+"""Messages (log_time_ns, record) of a recording, by topic."""
 Chunks = Sequence[tuple[int, StreamSamples]]
-"""Samples of one stream in chunks, each with its arrival time in nanoseconds on the session's clock."""
+"""Chunks of one stream's samples, each with its arrival time in nanoseconds on the session's clock."""
 
 
 @dataclass(frozen=True)
 class ClockReset:
-    """A jump of a device's clock. ``time_s``: corrected time of the first sample after the jump.
+    """A jump of a device's clock.
 
-    ``jump_s``: size of the jump; positive if the clock jumped forward.
+    ``time_s``: corrected time of the first sample after the jump. ``jump_s``: size of the jump; positive if the clock
+    jumped forward.
     """
 
     time_s: float
@@ -45,8 +48,8 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``raised``: number of times that were increased to the time of the previous sample, because jitter made them
-    smaller.
+    ``resets``: the corrected clock resets. ``raised``: number of samples whose time was increased to the time of the
+    previous sample, because jitter had made it smaller.
     """
 
     time_s: FloatArray
@@ -92,7 +95,7 @@ def _is_plausible(segment: _Segment) -> bool:
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
-    """Split the samples at clock resets. Returns the segments."""
+    """Splits the samples at clock resets. Returns the segments."""
     steps_s = np.diff(given)
     breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_STEP_BACK_S)) + 1
     ends = [*breaks.tolist(), len(given)]

@@ -1,4 +1,4 @@
-"""Rebuild the world of a recording, and render its recorded states."""
+"""Rebuilds the world of a recording, and renders its recorded states."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ from avrgym.tasks.episodes import Episodes
 
 
 def recorded_world(configuration: Configuration, *, by_region: bool = False) -> Episodes:
-    """Returns the world of a recording in its initial state. ``by_region``: see ``Episodes``.
+    """Returns the world of a recording in its initial state. ``by_region``: whether to measure forces by body region.
 
     Raises:
         ValueError: if the world cannot be created.
@@ -36,8 +36,7 @@ def recorded_world(configuration: Configuration, *, by_region: bool = False) -> 
 
 
 def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iterator[dict[str, np.ndarray]]:
-    """Yields camera images at the start of each control step. They are rendered from the recorded states, without
-    physics.
+    """Yields the camera images (by entry name) at the start of each control step, rendered from the recorded states.
 
     Raises:
         ValueError: if the world cannot be created, or if the recorded states have a different size.

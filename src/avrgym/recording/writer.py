@@ -1,4 +1,4 @@
-"""Write the recording of a trial as an MCAP file that survives a crash."""
+"""Writes the recording of a trial as an MCAP file. After a crash, the file can be read up to the last written data."""
 
 import os
 import threading
@@ -30,10 +30,15 @@ from avrgym.recording.schema import TOPICS, Outcome, Record, encode, json_schema
 from avrgym.system.files import private_opener
 
 FLUSH_INTERVAL_S = 0.1
+"""Interval at which queued records are written to the file."""
 STALL_TIMEOUT_S = 0.75
+"""Time without a write after which ``RecordingWriter.error`` reports a stalled disk."""
 MAX_QUEUED_MESSAGES = 4000
+"""Maximum length of the queue. If it is full, the recording fails."""
 SHORT_QUEUE_MESSAGES = 100
+"""Maximum length of the queue after ``RecordingWriter.wait_for_writes``."""
 CLOSE_TIMEOUT_S = 10.0
+"""Maximum time in which ``RecordingWriter.close`` waits for the disk."""
 
 
 class RecordingWriter:
@@ -61,10 +66,11 @@ class RecordingWriter:
 
     @property
     def error(self) -> Exception | None:
-        """The error that prevents a complete recording, or ``None``. Only a ``TimeoutError`` is temporary."""
+        """The error that prevents a complete recording, or ``None``. A ``TimeoutError`` is temporary, other errors are
+        permanent."""
         silent_s = time.monotonic() - self._alive_at
         if self._failure is None and self._thread.is_alive() and silent_s > STALL_TIMEOUT_S:
-            return TimeoutError(f"{self.path}: the disk has accepted no data for {silent_s:.1f} s")
+            return TimeoutError(f"{self.path}: no data could be written for {silent_s:.1f} s; check the disk")
         return self._failure
 
     def write(self, topic: str, log_time_ns: int, record: Record) -> None:
@@ -78,7 +84,9 @@ class RecordingWriter:
         if self._disk.closed:
             raise RecordingError(f"{self.path} is closed; a record of {topic} cannot be written")
         if self._failure is None and self._queue.qsize() >= MAX_QUEUED_MESSAGES:
-            self._failure = RecordingError(f"{self.path}: a record was lost: the disk is too slow")
+            self._failure = RecordingError(
+                f"{self.path}: a record was lost: the disk is too slow; use a faster disk"
+            )
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
 
@@ -90,9 +98,9 @@ class RecordingWriter:
         self._queue.put(outcome)
 
     def wait_for_writes(self) -> None:
-        """Wait until the queue is short. Callers that are faster than real time need this.
+        """Wait until the queue is short. Sessions in simulated time call this, because they are faster than the disk.
 
-        After a disk failure, it returns immediately.
+        After a disk failure, the method returns immediately.
         """
         while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.error is None:
             time.sleep(0.001)
@@ -110,7 +118,7 @@ class RecordingWriter:
         self._queue.put(None)
         self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive():
-            raise RecordingError(f"{self.path}: not complete: the disk does not accept data")
+            raise RecordingError(f"{self.path}: not complete: the disk does not accept data; check the disk")
         if outcome is not None and self._failure is None:
             self._attempt(lambda: self._complete(outcome))
         self._disk.close()
@@ -220,7 +228,7 @@ class _Disk:
 def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
     """Complete a recording that was truncated after the robot finished. Other recordings are not changed.
 
-    Unreadable data at the end are replaced. No writer of this file may be open.
+    Unreadable data at the end of the file are replaced. The file must not be open for writing.
     """
     recording = read_recording(path)
     if recording.complete or recording.robot_finished is None:
