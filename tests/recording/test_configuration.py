@@ -35,7 +35,7 @@ def test_a_recording_of_0_2_opens_without_the_later_fields() -> None:
 def test_a_newer_format_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "trial.mcap"
     RecordingWriter(path, replace(configuration(), format_version=FORMAT_VERSION + 1)).close()
-    with pytest.raises(RecordingError, match="update avrgym"):
+    with pytest.raises(RecordingError, match="pip install --upgrade avrgym"):
         read_recording(path)
 
 

@@ -1,11 +1,11 @@
-"""Export a recorded trial for 3D display in Foxglove and Rerun. Needs the extra ``foxglove``.
+"""Exports a recorded trial for 3D display in Foxglove and Rerun. Needs the extra ``foxglove``.
 
 The MCAP file contains the recording's messages and Foxglove's schemas
 (https://docs.foxglove.dev/docs/visualization/message-schemas) as protocol buffers:
 
 - ``/tf``: poses of bodies that moved, at 50 Hz;
 - ``/scene``: triangle meshes of the bodies, for Foxglove;
-- ``/surfaces/BODY``: the surfaces of a body as points, for Rerun, which does not show these meshes;
+- ``/surfaces/BODY``: the surfaces of a body as points, because Rerun does not show these meshes;
 - ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: tracked poses in the headset's space;
 - ``/log``: phases, events and answers as text.
 
@@ -51,11 +51,13 @@ from avrgym.vr.scene.export_process import model_with_appearance
 WORLD, TRACKING = "world", "local_floor"
 """Names of coordinate frames: the simulated world (z up), and the headset's space of tracked poses (y up)."""
 TRACKED = ("head", "left", "right")
+"""Tracked parts: the head and both hands."""
 POINT_COUNT = 40_000
 """Total number of points on all surfaces."""
 POINT_FIELD_OFFSETS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
-"""Byte offset of each field of a point."""
+"""Byte offset of each field of a point, by name."""
 POINT_BYTES = 16
+"""Size of a point in bytes."""
 
 
 def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]) -> None:
@@ -131,7 +133,7 @@ class _Log:
         self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
 
     def finish(self) -> None:
-        """Finish the file."""
+        """Write the end of the file."""
         self._mcap.finish()
 
     def _at_ns(self, time_s: float) -> int:
@@ -179,7 +181,7 @@ def _colours(surface: BodySurface) -> Mapping[str, Any]:
 
 
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Yield the name of each body and points (P, ``POINT_BYTES``) of uniform density on its surfaces.
+    """Yields the name of each body and points (P, ``POINT_BYTES``) of uniform density on its surfaces.
 
     The points are random, but identical in every run.
     """
@@ -230,7 +232,7 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
 def _moves(
     times_s: Sequence[float], frames: FloatArray, bodies: Sequence[str]
 ) -> Iterator[tuple[float, list[tuple[str, FloatArray]]]]:
-    """Yield each time at which bodies have moved, with the names and poses (7,) of these bodies.
+    """Yields each time at which bodies have moved, with the names and poses (7,) of these bodies.
 
     The first time includes all bodies.
     """

@@ -1,4 +1,4 @@
-"""Check the path of a new output file."""
+"""Checks the path of a new output file."""
 
 from pathlib import Path
 
@@ -11,8 +11,8 @@ def check_new_file(path: Path, suffixes: tuple[str, ...]) -> None:
         FileExistsError: if the file exists.
     """
     if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: the name must end in {' or '.join(suffixes)}")
+        raise ValueError(f"{path}: the file name must end in {' or '.join(suffixes)}")
     if path.exists():
         raise FileExistsError(f"{path} exists already; choose another name")
     if not path.parent.is_dir():
-        raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist")
+        raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")

@@ -1,13 +1,13 @@
-"""Compact encoding of poses: integer differences between frames, with bytes of equal significance together."""
+"""Compact encoding of poses: integer differences between frames, grouped by byte significance."""
 
 import numpy as np
 
 POSE_RESOLUTION = 2.0**-14
-"""Step size of packed positions in metres, and of quaternion components. The error of 0.03 mm is not visible."""
+"""Resolution of packed positions in metres, and of quaternion components. The error of 0.03 mm is not visible."""
 
 
 def pack_poses(poses: bytes, frames: int) -> bytes:
-    """Encode poses for compression; deflate then reduces their size to about a tenth.
+    """Encodes poses for compression. Deflate then reduces their size to about a tenth.
 
     Args:
         poses: 32-bit floats, little-endian, the same number in each frame.

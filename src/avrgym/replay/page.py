@@ -1,4 +1,4 @@
-"""Write one recorded trial, or two side by side, as one HTML file that needs neither server nor network."""
+"""Writes one recorded trial, or two side by side, as an HTML file. The file needs no server and no network."""
 
 import base64
 import zlib
@@ -18,20 +18,23 @@ from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.server.web_server import STATIC_FOLDER, check_page
 
 TEMPLATE = "trial.html"
+"""File name of the page's template in the built client."""
 DATA_TAG = b'<script id="recorded" type="application/json">'
+"""Tag of the script element that contains the page's data."""
 
 
 class PackedTrial(msgspec.Struct, frozen=True):
-    """A timeline, and the packed poses of its frames."""
+    """A timeline, and the packed poses of its frames, see ``pack_poses``."""
 
     timeline: Timeline
     poses: str
 
 
 class PageData(msgspec.Struct, frozen=True):
-    """Data of the page: packed poses, and GLB files by URL, both deflated and base64-encoded.
+    """Data of the page.
 
-    ``step`` is the resolution of the packed poses.
+    ``step``: resolution of the packed poses. ``trials``: one or two trials with packed poses. ``scenes``: GLB files by
+    URL. Poses and files are compressed (deflate) and base64-encoded.
     """
 
     step: float
@@ -40,7 +43,7 @@ class PageData(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording, and the result of ``timeline_of`` for it."""
+    """A recording with its timeline and poses, see ``timeline_of``."""
 
     recording: Recording
     timeline: Timeline
@@ -60,9 +63,9 @@ def check_new_page(out: Path) -> None:
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
-    """Write a page with one or two trials. On this computer, only the current user can read the file.
+    """Write a page with one or two trials. Only the current user of this computer can read the file.
 
-    Of two trials, one is delayed until both robots start at the same time.
+    With two trials, the earlier one is delayed: both robots start at the same time.
 
     Raises the same errors as ``check_new_page``.
     """
@@ -93,7 +96,7 @@ def _packed(trials: Sequence[ReplayedTrial]) -> PageData:
 
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """Returns the index of the first recording with the same environment and person, and thus the same scene."""
+    """Returns the index of the first recording with the same environment and person. Its scene is the same."""
     looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
     return looks.index((recording.configuration.environment, recording.configuration.person))
 

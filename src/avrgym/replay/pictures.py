@@ -1,6 +1,6 @@
-"""Render a recorded trial as video, animation or image strip with MuJoCo."""
+"""Renders a recorded trial as a video, an animation or an image strip, with MuJoCo."""
 
-# PyAV's streams: their types are known only in part.
+# The types of PyAV's streams are known only in part.
 # pyright: reportUnknownMemberType=false
 
 import io
@@ -20,19 +20,25 @@ from avrgym.replay.playback import ComparedState, Playback, control_span_s, move
 from avrgym.system.files import write_atomically
 
 Picture = NDArray[np.uint8]
+"""An RGB image (height, width, 3)."""
 Progress = Callable[[], None]
+"""A function that is called after each recorded state."""
 
 VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
+"""Width and height of videos, and of the frames of an image strip."""
 FRAMES_PER_S = 25
+"""Frame rate of videos."""
 GIF_FRAMES_PER_S = 10
 CAPTION_HEIGHT_PX = 40
 TEXT_COLOUR, PAPER_COLOUR = (20, 50, 58), (255, 255, 255)
+"""RGB colours of text and its background."""
 PICTURE_SUFFIXES = (".png", ".jpg")
+"""Allowed file name suffixes of an image strip."""
 
 
 @dataclass(frozen=True)
 class DisplayedState:
-    """State of a trial at one time: phase, accumulated reward, and results of the latest control step."""
+    """State of a trial at one time: phase, accumulated reward, and force and success of the latest control step."""
 
     time_s: float
     phase: str
@@ -59,7 +65,9 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
     try:
         import av
     except ModuleNotFoundError as error:
-        raise RuntimeError("av, the video encoder, is missing; run `pip install avrgym[video]`") from error
+        raise RuntimeError(
+            "the package av (video encoder) is missing; run `pip install avrgym[video]`"
+        ) from error
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         with av.open(str(unfinished), "w", format="mp4", options={"movflags": "faststart"}) as file:
@@ -75,7 +83,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
 
 
 def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write a trial as a looping animation (GIF) for slides. Its width and height are half of those of ``write_video``.
+    """Write a trial as a looping animation (GIF) for slides, with half the width and height of a video.
 
     Arguments and errors are those of ``write_video``; ``out`` must end in .gif.
     """
@@ -93,12 +101,12 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
 def write_strip(
     recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
 ) -> list[float]:
-    """Write one image: pictures of the robot's motion at evenly spaced times, next to each other.
+    """Write one image: frames of the robot's motion at evenly spaced times, side by side.
 
-    Arguments and errors are those of ``write_video``; ``out`` must end in .png or .jpg. ``count``: number of pictures.
+    Arguments and errors are those of ``write_video``; ``out`` must end in .png or .jpg. ``count``: number of frames.
 
     Returns:
-        The time of each picture, in seconds from the start of the motion.
+        The time of each frame, in seconds from the start of the motion.
     """
     check_new_file(out, PICTURE_SUFFIXES)
     begins_s, ends_s = control_span_s(recording)
@@ -121,7 +129,7 @@ def write_strip(
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
-    """Yield pictures at a constant rate up to the questionnaire. The next state replaces a missing state."""
+    """Yields images at a constant rate, up to the questionnaire. Each image is the first state at or after its time."""
     begins_s, _ = control_span_s(recording)
     times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
@@ -135,7 +143,7 @@ def _pictures(
     first_person: bool,
     progress: Progress,
 ) -> Iterator[tuple[DisplayedState, Picture]]:
-    """Yield a moment and a picture for each of these times: the first state at or after the time."""
+    """Yields a state and its image for each of these times: the first state at or after the time."""
     playback = Playback(recording)
     width_px, height_px = size_px
     camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
@@ -155,7 +163,7 @@ def _pictures(
 
 
 def _moments(playback: Playback, progress: Progress) -> Iterator[DisplayedState]:
-    """Yield the moment of each recorded state, while the playback's world is in this state."""
+    """Yields each recorded state. At this time, the playback's world is in the same state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
@@ -167,7 +175,7 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[DisplayedState]
 
 
 def _titled(picture: Picture, text: str) -> Picture:
-    """Returns the picture with a caption below it."""
+    """Returns the image with a caption below it."""
     sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_HEIGHT_PX), PAPER_COLOUR)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_HEIGHT_PX // 2), text, "mm")
@@ -175,7 +183,7 @@ def _titled(picture: Picture, text: str) -> Picture:
 
 
 def _subtitled(picture: Picture, text: str, moment: DisplayedState, begins_s: float) -> Picture:
-    """Returns the picture with the trial's title and state at its lower edge."""
+    """Returns the image with the trial's title and state at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
     band = Image.new("RGB", (sheet.width, CAPTION_HEIGHT_PX), PAPER_COLOUR)

@@ -1,4 +1,4 @@
-"""Recompute a recorded trial: apply the recorded commands at the same ticks to the same world."""
+"""Recomputes a recorded trial: applies the recorded commands to the same world, at the same physics steps."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
 BRAKE_EVENTS = (("phase", "retreat"), ("phase", "free_after"))
-"""Events at which the brakes stop the robot: name and detail."""
+"""Name and detail of the events at which the brakes stop the robot."""
 
 
 class ReplayError(ValueError):
-    """The recording cannot be replayed."""
+    """Raised if a recording cannot be replayed."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,19 @@ class ComparedStep:
 
 
 class Playback:
-    """Recompute a recording in a world that is built from its configuration.
+    """Recomputes a recording in a world that is built from its configuration.
 
-    ``episodes``: the world at the current point of ``run``. ``phase``: the session's current phase. ``driven``: whether
-    a driver controlled the robot in the last physics step. Times are in seconds from the start of the trial.
+    Times are in seconds from the start of the trial.
+
+    Attributes:
+        recording: the recording.
+        episodes: the world, in the current state of ``run``.
+        phase: the current phase of the session.
+        driven: whether a driver (policy or operator) controlled the robot in the last physics step.
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
-        """Compile the scene and start the episode. ``by_region``: see ``Episodes``.
+        """Compile the scene and start the episode. ``by_region``: whether to measure forces by body region.
 
         Raises:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
@@ -81,7 +86,7 @@ class Playback:
         self._stopped = self._begun = False
 
     def run(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
-        """Recompute the recording and yield each state and control step. Can be called once.
+        """Recomputes the recording. Yields each state and each control step. Can be called once.
 
         Args:
             follow: after a difference, continue from the recorded state. By default, only the first recorded state is
@@ -140,7 +145,8 @@ class Playback:
     def _finished_step(self, time_s: float) -> ControlStep:
         if self._step is None:
             raise ReplayError(
-                f"the recorded control step at {time_s:.2f} s does not end at a tick of the trial"
+                f"the recorded control step at {time_s:.2f} s does not end at a tick (10 ms) of the trial: "
+                f"{version_text(self.recording)}"
             )
         return self._step
 
@@ -154,13 +160,12 @@ class Playback:
         return self._action
 
     def update_action(self) -> FloatArray | None:
-        """Returns the action (1, A) of a command that was recorded within the control step; ``None`` without
-        one.
-        """
+        """Returns the action (1, A) if a command was recorded within the control step, else ``None``."""
         return self.act(np.zeros(0)) if self._action_is_new else None
 
     def _apply_event(self, event: Event) -> None:
-        """Update the phase. Brake the robot before and after its retreat, and for good if the attempt was aborted."""
+        """Updates the phase. Brakes the robot before and after its retreat, and permanently if the attempt was
+        aborted."""
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
@@ -170,7 +175,8 @@ class Playback:
 
 
 def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
-    """Returns the contact forces (1, R) on the body regions of the person, while a driver controlled the robot.
+    """Returns the contact forces (1, R) on the person's body regions, over all steps in which a driver controlled the
+    robot.
 
     Args:
         recording: the recording of one attempt.
@@ -189,7 +195,8 @@ def region_loads(recording: Recording, progress: Callable[[], None] = lambda: No
 
 
 def title(recording: Recording) -> str:
-    """Returns a title for the recording: environment, policy, trial, attempt and participant."""
+    """Returns the title of a recording: environment, policy, trial, attempt, and whether the participant is
+    simulated."""
     trial = recording.configuration
     kind = "practice" if trial.practice else f"trial {trial.trial}"
     participant = "simulated participant" if trial.simulated else "participant"
@@ -204,9 +211,9 @@ def phases(recording: Recording) -> list[tuple[float, str]]:
 
 
 def movement_end_s(recording: Recording) -> float:
-    """Returns the start time of the questionnaire in seconds; without a questionnaire, the end of the recording.
+    """Returns the time in seconds after which the robot does not move: the start of the questionnaire.
 
-    The robot does not move after this time.
+    Without a questionnaire, returns the end of the recording.
     """
     starts = (time_s for time_s, name in phases(recording) if name == "questionnaire")
     return next(starts, recording.duration_s)
@@ -225,7 +232,7 @@ def control_span_s(recording: Recording) -> tuple[float, float]:
 
 
 def version_text(recording: Recording) -> str:
-    """Returns the recorded versions, and the plug-ins that have changed since, as text."""
+    """Returns a text with the recorded versions and the plug-ins that have changed since the recording."""
     return "; ".join(
         [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
     )

@@ -1,4 +1,4 @@
-"""Local web server of a replay: page, scene, timeline and poses."""
+"""Local web server of a replay. It serves the page, the scene, the timeline and the poses."""
 
 from functools import cache
 
@@ -25,7 +25,10 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
 
     def check(request: Request) -> None:
         if tokens.bearer(request.headers) is None:
-            raise HTTPException(401, "the address of this page does not contain the replay's token")
+            raise HTTPException(
+                401,
+                "the address of this page does not contain the replay's token; open the address that `avrgym replay` printed",
+            )
 
     @app.get("/timeline")
     async def read_timeline(request: Request) -> Response:
@@ -51,13 +54,13 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
 
 
 class ReplayServer:
-    """Context manager: serve one replay on this computer. ``port`` 0 chooses a free port."""
+    """Context manager that serves one replay on this computer. ``port`` 0: any free port."""
 
     def __init__(self, recording: Recording, timeline: Timeline, poses: bytes, port: int) -> None:
         """Bind the port.
 
         Raises:
-            ServerError: if the client is not built or the port is not available.
+            ServerError: if the client is not built, or if another program uses the port.
         """
         check_page("replay.html")
         listener = listen(LOOPBACK[0], port)

@@ -30,7 +30,11 @@ class TimelineEvent(msgspec.Struct, frozen=True):
 
 
 class StepSeries(msgspec.Struct, frozen=True):
-    """Lists with one entry for each control step: end time, accumulated reward, and results."""
+    """Lists with one entry for each control step.
+
+    ``time_s``: end of the step. ``reward``: reward accumulated up to this step. ``force_n``: force on the person.
+    ``distance_m``: distance of the tool from its goal. ``success``: whether the task has succeeded.
+    """
 
     time_s: list[float]
     reward: list[float]
@@ -42,9 +46,11 @@ class StepSeries(msgspec.Struct, frozen=True):
 class Timeline(msgspec.Struct, frozen=True):
     """A trial as data for a replay page. Times are in seconds from the start of the trial.
 
-    ``frames_s``: time of each frame. The poses of the frames are stored separately, as 32-bit floats. A frame has a
-    pose for each body and each mark of ``scene``: position x, y, z, then quaternion w, x, y, z. ``complete``: the
-    recording contains the whole trial. ``facts``: further information by heading.
+    ``complete``: whether the recording contains the whole trial. ``result``: how the attempt ended. ``seconds``:
+    duration. ``facts``: further information by heading. ``frames_s``: time of each frame.
+
+    The poses of the frames are stored separately, as 32-bit floats. A frame has a pose for each body of ``scene``, and
+    for each mark that the task draws on the person: position x, y, z, then quaternion w, x, y, z.
     """
 
     title: str
@@ -87,7 +93,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 
 def align_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """Delay timelines until all robots start at the same time. Returns the delayed timelines."""
+    """Returns delayed timelines, in which all robots start at the same time."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines

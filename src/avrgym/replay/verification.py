@@ -1,8 +1,8 @@
-"""Verify a recording: recompute it from its initial state, commands and body targets, and compare every bit.
+"""Verifies a recording: recomputes it from its initial state, commands and body targets, and compares every bit.
 
-The C library's elementary functions round differently on other processors, and contacts amplify the differences. If
-bits differ, every tick is therefore also recomputed from the previous recorded state. Rounding then changes less than
-10⁻¹¹.
+The C library's elementary functions round differently on other processors. Contacts amplify these differences. If bits
+differ, every tick (10 ms) is therefore also recomputed from the previous recorded state. The differences by rounding
+are then below 10⁻¹¹.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,14 +29,19 @@ STATE_QUANTITIES: Mapping[str, _State] = {
 
 
 MAX_ROUNDING_DIFFERENCE = 1e-9
-"""Largest relative difference after one tick that rounding can explain."""
+"""Maximum relative difference after one tick that rounding can explain."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Differences of one quantity: their number, the time of the first, and the largest (SI units).
+    """Differences between the recorded and the recomputed values of one quantity.
 
-    ``largest_share``: the largest difference, relative to the recorded value or to 1, whichever is larger.
+    Attributes:
+        quantity: name of the quantity.
+        times: number of states or steps with a difference.
+        first_time_s: time of the first difference.
+        largest: the largest difference, in SI units.
+        largest_share: the largest difference, divided by the recorded value or by 1, whichever is larger.
     """
 
     quantity: str
@@ -50,11 +55,19 @@ class Difference:
 class Verification:
     """Result of the verification of a recording.
 
-    ``states``, ``steps``: number of compared states and control steps; ``identical_*``: number without differences.
-    ``until_s``: time of the last state. ``tick_error``: largest relative difference after one tick from a recorded
-    state. ``complete``: the recording contains the whole trial. ``same_versions``: AVR Gym and MuJoCo have the recorded
-    versions. ``same_rounding``: the C library rounds as at recording. ``plugin_differences``: plug-ins that have
-    changed since the recording.
+    Attributes:
+        states: number of compared states.
+        identical_states: number of states without differences.
+        steps: number of compared control steps.
+        identical_steps: number of control steps without differences.
+        until_s: time of the last state.
+        tick_error: largest relative difference after one tick from a recorded state.
+        complete: whether the recording contains the whole trial.
+        recorded_with: versions of AVR Gym and MuJoCo at the recording.
+        same_versions: whether these versions are installed now.
+        same_rounding: whether the C library rounds as at the recording.
+        plugin_differences: plug-ins that have changed since the recording.
+        differences: the differences, one object for each quantity.
     """
 
     states: int
@@ -82,7 +95,7 @@ class Verification:
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
-    """Recompute a recording from its first state. Returns a comparison of all states and control steps.
+    """Recomputes a recording from its first state. Returns a comparison of all states and control steps.
 
     Args:
         recording: the recording of one attempt, complete or not.
@@ -136,7 +149,7 @@ class _Differences:
         self.differences: dict[str, Difference] = {}
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
-        """Store the differences of a state. Returns whether recorded and recomputed state are identical."""
+        """Stores the differences of a state. Returns whether recorded and recomputed state are identical."""
         if not compared.identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
@@ -147,7 +160,7 @@ class _Differences:
         return compared.identical
 
     def compare_step(self, compared: ComparedStep) -> bool:
-        """Store the differences of a control step. Returns whether recorded and recomputed step are identical."""
+        """Stores the differences of a control step. Returns whether recorded and recomputed step are identical."""
         recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
         absent = np.array([np.nan])
         same = [
@@ -172,7 +185,8 @@ class _Differences:
 
 
 def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
-    """Returns the largest absolute and relative difference; infinite if shapes or missing numbers differ."""
+    """Returns the largest absolute and relative difference. They are infinite if the shapes or the positions of NaN
+    differ."""
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
     apart = np.where(np.isnan(recorded) & np.isnan(stepped), 0.0, np.abs(recorded - stepped))
