@@ -235,6 +235,8 @@ def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(text)
     for effect in ("0", "nan"):
         refused = CliRunner().invoke(app, ["study", "power", str(tmp_path), "--effect", effect])
-        assert refused.stderr == f"avrgym: an effect is {effect} points; allowed: more than 0, less than 7\n"
+        assert (
+            refused.stderr == f"avrgym: effect size is {effect} points; allowed: more than 0, less than 7\n"
+        )
     refused = CliRunner().invoke(app, ["study", "power", str(tmp_path), "--dropout", "1"])
     assert (refused.exit_code, refused.stderr) == (1, "avrgym: dropout is 1; allowed: 0 or more, below 1\n")

@@ -1,4 +1,4 @@
-"""Report section about adverse events: events of people by condition, and safety measures of the robots."""
+"""Report section about adverse events: events in each condition, and safety measures of the robots."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +20,7 @@ SAFETY_NOTE = (
 
 
 def adverse_events_section(analysis: Analysis) -> Markup:
-    """Returns the report section; it includes people who withdrew."""
+    """Returns the report section about the adverse events of people. Withdrawn participants are included."""
     events = latest_reports(analysis)
     shown = [_by_condition(analysis, events)] if events else []
     return tag(
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Returns the sorted conditions of ``trials``, then ``PRACTICE`` if there was practice, then ``OUTSIDE_TRIALS``."""
+    """Returns the conditions of ``trials`` in sorted order, then ``PRACTICE`` (if any), then ``OUTSIDE_TRIALS``."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE_TRIALS]

@@ -1,4 +1,4 @@
-"""Report section about participants' commands to the robot: conditions, commands, waiting time and agreement."""
+"""Report section about commands to the robot: conditions, number of commands, waiting time and agreement."""
 
 from collections.abc import Sequence
 from statistics import fmean
@@ -49,7 +49,7 @@ def commands_section(
 
 
 def describe_condition(rules: Condition) -> str:
-    """Returns a condition in words."""
+    """Returns a description of a condition: policy, commands, preferences and settings."""
     words = [f"policy {rules.policy}"]
     if rules.commands:
         words.append(f"commands {', '.join(rules.commands)} by {', '.join(rules.sources)}")

@@ -1,4 +1,4 @@
-"""Study designs that differ between participants: versions of items, list of differences, and descriptions."""
+"""Differences between the study designs of participants: item versions, list of differences, and descriptions."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _ITEMS = TABLES["items"]
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """One version of an item, with the number of its answers from people or from simulated participants."""
+    """One version of a questionnaire item, and its number of answers from people or from simulated participants."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -38,7 +38,7 @@ class ItemRow:
 
 
 def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
-    """Returns a row for each version of each item, separately for people and simulated participants."""
+    """Returns a row for each answered version of each item, separately for people and simulated participants."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {
         item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
@@ -76,13 +76,16 @@ DIFFERENCES_NOTICE = (
 
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
-    """Returns a notice that designs differ; empty if no difference is an error."""
+    """Returns a warning that designs differ; an empty list if no difference is an error."""
     has_errors = any(each.is_error for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
-    """Returns the report section: each difference, and all items with several versions. Empty without differences."""
+    """Returns the report section: each difference between designs, and all versions of changed items.
+
+    The section is empty if there are no differences.
+    """
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
@@ -108,9 +111,9 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
 def describe_by_design(
     session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
 ) -> str:
-    """Returns a description of each design, with its trials if descriptions differ.
+    """Returns a description of all session designs. If descriptions differ, each is listed with its trials.
 
-    ``words``: function that describes a design. If ``session_designs`` is empty, ``design`` is described.
+    ``words``: function that returns the description of a design. Without session designs, ``design`` is described.
     """
     groups: dict[str, list[SessionDesign]] = {}
     for use in session_designs:

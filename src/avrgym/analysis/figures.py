@@ -1,4 +1,4 @@
-"""All figures of a study."""
+"""Draw all figures of a study."""
 
 from avrgym.analysis.answers.figures import (
     mean_answers_figures,
@@ -12,7 +12,7 @@ from avrgym.analysis.study import Analysis
 
 
 def draw_figures(analysis: Analysis) -> list[Drawing]:
-    """Draw all figures that have data. Within each kind of figure, people come before simulated participants."""
+    """Returns all figures that have data. In each kind of figure, people are before simulated participants."""
     drawings: list[Drawing] = []
     for simulated in sorted({row.simulated for row in analysis.objective}):
         drawings += [

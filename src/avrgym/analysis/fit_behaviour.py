@@ -1,14 +1,15 @@
-"""Fit the behaviour parameters of the zoo to recorded motion.
+"""Fit behaviour parameters of the partner zoo (``people.zoo``) to recorded motion.
 
-For each participant, the parameters of movements are robust least-squares estimates: the behaviour model of the zoo and
-the motor model predict the motion from the recorded positions of the tool. The Levenberg-Marquardt method starts at the
-best point of a grid. The estimates of sway and tremor are those of each trial's periodogram, averaged over trials.
-Estimates are then shrunk to the group, see ``statistics.shrinkage``.
+For each participant, the movement parameters are robust least-squares estimates. The behaviour model of the zoo and the
+motor model predict the motion from the recorded tool positions. The Levenberg-Marquardt method starts at the best point
+of a grid. Sway and tremor are estimated from the periodogram of each trial and averaged over trials. All estimates are
+then shrunk to the group mean, see ``statistics.shrinkage``.
 
-Sampling variances come from differences between trials of the same participant, or between halves of a single trial,
-pooled over participants: the variances of the least-squares estimates are those of independent errors, multiplied by
-the ratio of the jackknife's variance to them (Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, 1982).
-Parameters that a search finds have the variance of the best values of trials.
+Sampling variances are computed from differences between trials of one participant, or between the halves of a single
+trial. They are pooled over participants. The variance of a least-squares estimate is first computed for independent
+errors. It is then multiplied by the ratio of the jackknife variance to this variance (Efron, *The Jackknife, the
+Bootstrap and Other Resampling Plans*, 1982). A parameter found by grid search has the variance of its best values in
+the trials.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,13 +38,14 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "startle_distance_m": (0.2, 0.07),
     "startle_duration_s": (1.0, 0.5),
 }
-"""Parameters of movements, with means and standard deviations of weak priors. They cover the zoo. A parameter without
-information in a participant's trials, for example because the tool never came near, keeps the prior's variance."""
+"""Movement parameters, with mean and standard deviation of a weak prior. The priors cover the partners of the zoo. If a
+participant's trials contain no information about a parameter (for example, the tool was never near), its variance is
+the prior variance."""
 RHYTHMS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
 FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMS)
 SWAY_STEP_HZ = 0.004
 SWAY_HZ, TREMOR_HZ = (0.05, 0.6), (3.5, 12.0)
-"""Frequencies at which sway and tremor are searched. Tremor is that of 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75,
+"""Frequency bands for the search of sway and tremor. Tremor is between 4 and 12 Hz (Bhatia et al., Mov. Disord. 33:75,
 2018)."""
 _GRID = [
     {"reaction_s": reaction_s, "startle_deg": startle_deg, "startle_distance_m": startle_distance_m}
@@ -52,49 +54,51 @@ _GRID = [
 ]
 _NAMES = tuple(MOVEMENT_PRIORS)
 _STEPS = np.array([0.05, 0.02, 0.05, 0.05, 1.0, 0.02, 0.1])
-"""Half of the steps of central differences. People observe the tool ten times a second: smaller steps of reaction time
-and distances would measure jumps of the prediction."""
+"""Half-widths of the central differences, one for each parameter. Observations are updated ten times a second. The
+prediction is therefore a step function of reaction time and distances. Smaller half-widths would measure its jumps."""
 _SEARCHED: Mapping[str, FloatArray] = {
     "reaction_s": 0.02 * np.arange(-10.0, 11.0),
     "speed_share": 0.05 * np.arange(-8.0, 9.0),
     "startle_distance_m": 0.005 * np.arange(-10.0, 11.0),
     "startle_duration_s": 0.05 * np.arange(-8.0, 9.0),
 }
-"""Parameters on which predictions depend discontinuously or little, and changes that a search tries."""
+"""Parameters for the grid search, and the changes to try. Predictions depend on them little or discontinuously."""
 OUTLIER = 2.385
-"""Deviations above this multiple of the standard deviation have less weight (Cauchy's function; Holland and Welsch,
+"""Scale of Cauchy's weight function, in standard deviations: larger deviations have less weight (Holland and Welsch,
 Commun. Stat. 6:813, 1977)."""
 MAD_FACTOR = 1.4826
 """Standard deviation of normally distributed values, divided by their median absolute deviation."""
 _MOVING = [JOINT_INDEX[name] for name in (*CHANNELS, "waist_z")]
 _SHOWN = slice(len(CHANNELS))
 SIDEWAYS_SWAY = 0.7
-"""Frequency of sway to the sides relative to that forwards and backwards, as in ``people.motor``."""
+"""Frequency of sideways sway divided by the frequency of forward sway, as in ``people.motor``."""
 _STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("startle")]
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
 _LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
 _EVERY = SUBSTEPS // 2
-"""The least-squares method compares every fifth angle: 20 a second."""
+"""The least-squares method uses every fifth angle: 20 angles a second."""
 LAG_TICKS = 1
-"""Ticks of 10 ms from a motion to the joint targets that follow it."""
+"""Delay from a motion to its joint targets, in ticks of 10 ms."""
 TIE = 0.5
-"""Differences of costs below this are ignored."""
+"""Two costs are considered equal if their difference is below this value."""
 ITERATIONS = 3
-"""Iterations of each of two passes: before and after the frequency of sway is known."""
+"""Number of iterations in each of two passes: before and after the sway frequency is estimated."""
 NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
-"""Initial and least standard deviation of the motion's deviations from the model."""
+"""Initial and minimum standard deviation of the deviations between recorded and predicted motion."""
 
 
 @dataclass(frozen=True)
 class FittedBehaviour:
-    """Fitted behaviour parameters: posterior distributions by name, in the order of ``participants``."""
+    """Posterior distributions of the behaviour parameters, by parameter name, in the order of ``participants``."""
 
     participants: tuple[str, ...]
     parameters: Mapping[str, Shrunken]
 
     def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
-        """Returns the posterior mean and standard deviation of each participant's parameters, within
-        ``PARAMETER_BOUNDS``."""
+        """Returns (posterior mean, posterior standard deviation) by parameter name, for each participant.
+
+        Means are clipped to ``PARAMETER_BOUNDS``.
+        """
         return tuple(
             {
                 name: (
@@ -108,9 +112,9 @@ class FittedBehaviour:
 
 
 def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
-    """Returns the behaviour of at least two participants, fitted to all their trials.
+    """Returns the behaviour parameters of at least two participants, fitted to all their trials.
 
-    Parameters are omitted if the trials of fewer than two participants contain information about them.
+    A parameter is omitted if the trials of fewer than two participants contain information about it.
     """
     fit = _Fit(motions)
     fit.optimise()
@@ -135,8 +139,8 @@ def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
 class _Fit:
     """Least-squares fit of n participants' parameters ``values`` (n, 7) to their trials.
 
-    ``_pieces`` are the parts of trials between which estimates are compared: number of the trial, and rows. They are
-    whole trials, or halves if the participant has only one.
+    ``_pieces``: parts of trials (trial index, rows). A piece is a whole trial, or half a trial if the participant has
+    only one. Differences between pieces give the sampling variances.
     """
 
     def __init__(self, motions: Sequence[RecordedMotion]) -> None:
@@ -163,7 +167,7 @@ class _Fit:
         return grid[self._costs(self._residuals(points), points).argmin(axis=0)]
 
     def optimise(self) -> None:
-        """Improve ``values`` by the Levenberg-Marquardt method. Each iteration tries three dampings."""
+        """Improve ``values`` by the Levenberg-Marquardt method. Each iteration tries three damping factors."""
         everyone, precision = np.arange(len(self.participants)), np.diag(1.0 / _DEVIATION**2)
         damping = np.full(len(everyone), 1e-2)
         factors = np.array([0.01, 1.0, 100.0])
@@ -195,21 +199,23 @@ class _Fit:
         return points, self._piece_costs(self._residuals(points))
 
     def _search(self, column: int, changes: FloatArray) -> None:
-        """Change one parameter to the mean of the best values. Equally good values are an interval."""
+        """Set one parameter to the mean of its best values. Values with almost equal costs are equally good."""
         points, of_pieces = self._searched(column, changes)
         costs = self._per_participant(of_pieces.T).T + _prior_costs(points)
         self.values[:, column] = _best(points[..., column], costs)[0]
 
     def _search_variances(self, column: int, changes: FloatArray) -> FloatArray:
-        """Returns the sampling variances (n,) of a parameter: that of the best values of pieces, pooled, and that of
-        equally good values."""
+        """Returns the sampling variances (n,) of a parameter.
+
+        They are the pooled variance of the best values of the pieces plus the variance of equally good values.
+        """
         points, of_pieces = self._searched(column, changes)
         best, variance = _best(points[:, self._piece_owner, column], of_pieces)
         count = np.bincount(self._piece_owner)
         return self.squared_errors(best[:, None])[:, 0] + self._per_participant(variance) / count**2
 
     def remove_sway(self, sway_hz: FloatArray) -> None:
-        """Ignore sway of the waist with the participants' frequencies (n,) from now on."""
+        """Exclude waist sway with these frequencies (n,) from all residuals computed later."""
         self._bases = [
             _nuisance(len(each), float(sway_hz[owner]))
             for each, owner in zip(self._measured, self._owner, strict=True)
@@ -234,7 +240,7 @@ class _Fit:
         return np.minimum(variances, _DEVIATION**2)
 
     def rhythms(self) -> FloatArray:
-        """Returns estimates (pieces, 4) of the ``RHYTHMS``."""
+        """Returns estimates (pieces, 4) of the sway and tremor parameters ``RHYTHMS``."""
         residuals = self._residuals(self.values[None], bases=False)
         found: list[list[float]] = []
         for number, rows in self._pieces:
@@ -244,11 +250,11 @@ class _Fit:
         return np.array(found)
 
     def means(self, of_pieces: FloatArray) -> FloatArray:
-        """Returns the participants' means (n, ...) of values of pieces."""
+        """Returns the mean (n, ...) over the pieces of each participant."""
         return self._per_participant(of_pieces) / np.bincount(self._piece_owner)[:, None]
 
     def squared_errors(self, of_pieces: FloatArray) -> FloatArray:
-        """Returns the squared standard errors (n, ...) of ``means``. The variance of pieces is pooled."""
+        """Returns the squared standard errors (n, ...) of ``means``. The variance between pieces is pooled."""
         count = np.bincount(self._piece_owner)[:, None]
         deviations = of_pieces - self.means(of_pieces)[self._piece_owner]
         return (deviations**2).sum(axis=0) / (count - 1).sum() / count
@@ -260,8 +266,10 @@ class _Fit:
         return sums
 
     def _residuals(self, points: FloatArray, *, bases: bool = True) -> list[FloatArray]:
-        """Returns for each trial the deviations (C, T, 5) from the predictions with C points (C, n, 7) of parameters.
-        ``bases``: without offsets of waist and elbow, and without sway."""
+        """Returns the deviations (C, T, 5) of each trial from its predictions, for C parameter points (C, n, 7).
+
+        ``bases``: remove the offsets of waist and elbow, and the sway, from the deviations.
+        """
         predicted = _predictions(self._motions, points[:, self._owner])
         deviations: list[FloatArray] = [
             measured - each for measured, each in zip(self._measured, predicted, strict=True)
@@ -273,18 +281,20 @@ class _Fit:
         return deviations
 
     def _differentiated(self) -> list[FloatArray]:
-        """Returns deviations (15, T, 5) of each trial: with ``values``, and after steps of each parameter upwards, then
-        downwards."""
+        """Returns deviations (15, T, 5) of each trial for central differences.
+
+        Row 0: with ``values``. Rows 1 to 7: each parameter increased. Rows 8 to 14: each parameter decreased.
+        """
         steps = np.diag(_STEPS)
         points = self.values + np.concatenate([np.zeros((1, len(_NAMES))), steps, -steps])[:, None]
         return self._residuals(np.clip(points, _LOW, _HIGH))
 
     def _costs(self, residuals: list[FloatArray], points: FloatArray) -> FloatArray:
-        """Returns the costs (C, n) of C points: half the sum of squares, with the prior."""
+        """Returns the costs (C, n) of C parameter points: robust sum of squares / 2, plus the prior."""
         return self._per_participant(self._piece_costs(residuals).T).T + _prior_costs(points)
 
     def _piece_costs(self, residuals: list[FloatArray]) -> FloatArray:
-        """Returns half the sums of squares (C, pieces), in which outliers have less weight."""
+        """Returns the robust sums of squares / 2 (C, pieces). Outliers have less weight."""
         costs: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
             scaled = residuals[number][:, rows] / (OUTLIER * self._noise_rad[owner])
@@ -292,7 +302,7 @@ class _Fit:
         return np.stack(costs, axis=1)
 
     def _normal_equations(self, residuals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Returns normal matrices (pieces, 7, 7) and slopes (pieces, 7) from ``_differentiated`` deviations."""
+        """Returns normal matrices (pieces, 7, 7) and gradients (pieces, 7) from ``_differentiated`` deviations."""
         matrices: list[FloatArray] = []
         slopes: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
@@ -313,24 +323,24 @@ class _Fit:
 
 
 def _prior_costs(points: FloatArray) -> FloatArray:
-    """Returns the costs (C, n) of points (C, n, 7) by the priors."""
+    """Returns the negative log prior (C, n) of parameter points (C, n, 7)."""
     return 0.5 * (((points - _MEAN) / _DEVIATION) ** 2).sum(axis=-1)
 
 
 def _best(values: FloatArray, costs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns means and variances (n,) of the best of C values (C, n), which have almost equal costs (C, n)."""
+    """Returns mean and variance (n,) of the best of C values (C, n): those with almost the lowest cost (C, n)."""
     best = costs < costs.min(axis=0) + TIE
     count = best.sum(axis=0)
     mean = (best * values).sum(axis=0) / count
     return mean, (best * (values - mean) ** 2).sum(axis=0) / count
 
 
-# Models -------------------------------------------------------------------------------------------------------
+# Models
 
 
 @dataclass(frozen=True)
 class _Perceived:
-    """What N people perceive, see ``people.cooperation.PersonObservation``."""
+    """Observations of N people, see ``people.cooperation.PersonObservation``."""
 
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
@@ -339,14 +349,16 @@ class _Perceived:
 
 
 def _sampled(motion: RecordedMotion) -> FloatArray:
-    """Returns the measured angles (T, 5) while the robot acts, 20 a second."""
+    """Returns the recorded angles (T, 5) during the robot's motion, 20 a second."""
     angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (LAG_TICKS, 1))])
     return angles[SUBSTEPS * motion.start + LAG_TICKS :: _EVERY][: 2 * (len(motion.tool_w) - motion.start)]
 
 
 def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[FloatArray]:
-    """Returns for each trial the predicted angles (C, T, 5) for C points of parameters (C, trials, 7), without
-    rhythmic motion and noise."""
+    """Returns the predicted angles (C, T, 5) of each trial, for C parameter points (C, trials, 7).
+
+    The predictions contain no rhythmic motion and no noise.
+    """
     predicted: list[FloatArray] = [np.empty(0)] * len(motions)
     kinds = dict.fromkeys((each.offered, each.posture) for each in motions)
     for kind in kinds:
@@ -360,7 +372,10 @@ def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[
 
 
 def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArray:
-    """Returns predicted angles (C, T, trials, 5) of trials of the same kind, from the first of their K times on."""
+    """Returns predicted angles (C, T, trials, 5) from the first time of the trials.
+
+    All trials have the same offered part and the same posture.
+    """
     candidates, trials = points.shape[:2]
     longest = max(len(each.tool_w) for each in motions)
 
@@ -403,13 +418,13 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
 
 
 def _only(state: motor.MotorState, joints: list[int]) -> motor.MotorState:
-    """Returns the motor model of some joints, without rhythmic motion."""
+    """Returns the motor state of the selected joints, without rhythmic motion."""
     names = ("goal_rad", "equilibrium_rad", "filtered_rad", "angles_rad", "max_step_rad", "filter_gain")
     return replace(state, **{name: getattr(state, name)[:, joints] for name in names})
 
 
 def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
-    """Returns for some channels an orthonormal basis (T, K) of motion that is not compared: offsets and sway."""
+    """Returns an orthonormal basis (T, K) of the ignored motion (offsets and sway) of some channels."""
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(count)
 
     def basis(frequency_hz: float | None) -> FloatArray:
@@ -428,8 +443,10 @@ def _sinusoid(times_s: FloatArray, frequency_hz: float) -> FloatArray:
 
 
 def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
-    """Returns amplitude in degrees and frequency of the sinusoids that explain most of the waist's deviations, from
-    (T, 5)."""
+    """Returns amplitude (degrees) and frequency (Hz) of the sway, from deviations (T, 5).
+
+    The sway is the sinusoid with the smallest squared error to the waist deviations.
+    """
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(len(deviations_rad))
     best = np.inf, 0.0, 0.0
     low_hz, high_hz = SWAY_HZ
@@ -445,9 +462,10 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
 
 
 def _tremor(head_x_rad: FloatArray) -> tuple[float, float]:
-    """Returns amplitude in degrees and frequency of the strongest tremor in angles (T,), 100 a second.
+    """Returns amplitude (degrees) and frequency (Hz) of the strongest tremor in angles (T,), 100 a second.
 
-    The spectrum is estimated by Welch's method. The amplitude is corrected for angles that are held between frames.
+    The spectrum is estimated by Welch's method. The angles are constant between tracking frames; the amplitude is
+    corrected for this.
     """
     window = min(2 * round(1.0 / PHYSICS_STEP_S), len(head_x_rad))
     frequency_hz, power = signal.welch(

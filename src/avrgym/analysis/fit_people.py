@@ -40,22 +40,21 @@ REACHING_JOINTS = {
     "left_arm": [],
     "nothing": [],
 }
-"""Joint indices by the body part that a person moves to the tool: mouth, arm or nothing. The left
-arm is not fitted."""
+"""Joint indices by the body part that a person moves to the tool. The left arm is not fitted."""
 MIN_VOLUNTARY_MOTION_DEG = 5.0
-"""Joint motion above this threshold is voluntary. The postural sway of a sitting person is smaller."""
+"""Threshold of voluntary joint motion. The postural sway of a sitting person is smaller."""
 START_DURATION_S = 1.0
 RECOMMENDED_PARTICIPANTS = 8
-"""Number of participants in the paper. With fewer participants, the file contains a warning."""
+"""Number of participants in the paper. A file from fewer participants contains a warning."""
 
 
 @dataclass(frozen=True)
 class TrialPose:
-    """Torso height, and joint angles (20,) of the person in degrees, in one completed trial.
+    """Torso height and joint angles (20,) of the person in one completed trial. Angles are in degrees.
 
-    ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
-    ``largest_motion_deg``: the largest motion (maximum − minimum) among the ``REACHING_JOINTS`` of the task.
-    ``motion``: ``None`` if the recording lacks the states of the world.
+    ``beginning_deg``: mean over the first second of the robot's motion. ``mean_deg``: mean over the whole trial.
+    ``largest_motion_deg``: the largest motion (maximum − minimum) of a joint in ``REACHING_JOINTS`` of the task.
+    ``motion``: ``None`` if the recording contains no simulation states.
     """
 
     participant: str
@@ -70,9 +69,9 @@ class TrialPose:
 
 @dataclass(frozen=True)
 class FittedPeople:
-    """The fitted population, remarks about the fit, and error messages of omitted recordings (``left_out``).
+    """A fitted population, remarks about the fit, and an error message for each omitted recording (``left_out``).
 
-    ``behaviour`` is ``None`` if fewer than two participants have recordings with the states of the world.
+    ``behaviour``: ``None`` if fewer than two participants have recordings with simulation states.
     """
 
     people: PeopleFile
@@ -82,10 +81,10 @@ class FittedPeople:
 
 
 def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
-    """Fit a training population to the participants with completed trials.
+    """Returns a training population, fitted to the participants with completed trials.
 
-    Simulated participants are used only if no people took part. Missing, damaged or modified recordings are omitted,
-    and trials with more tracking loss than the design allows.
+    Simulated participants are used only if there are no people. Missing, damaged and modified recordings are omitted.
+    Trials with more tracking loss than the design allows are omitted, too.
 
     Args:
         folder: the study's folder.
@@ -102,9 +101,9 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
         title = store.design.title
     sexes = {trial.participant: trial.sex for trial in trials}
     if len(sexes) < 2:
-        broken = f"; left out: {'; '.join(left_out)}" if left_out else ""
+        broken = f" Unusable recordings: {'; '.join(left_out)}." if left_out else ""
         raise StudyError(
-            f"{folder}: a range needs at least 2 participants with completed trials, found {len(sexes)}{broken}"
+            f"{folder}: participants with usable completed trials: {len(sexes)}; the fit needs 2 or more.{broken}"
         )
     men = list(sexes.values()).count("man")
     source = FittedStudy(title, men, len(sexes) - men, len(trials), simulated)
@@ -117,7 +116,7 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
 def write_people(fit: FittedPeople, out: Path) -> None:
     """Write the fitted population to the new TOML file ``out``. Raises ``FileExistsError`` if ``out`` exists."""
     if out.exists():
-        raise FileExistsError(f"{out} exists already; choose another name")
+        raise FileExistsError(f"{out} already exists; choose another file with --out FILE")
     write_atomically(out, _toml_text(fit).encode())
 
 
@@ -138,7 +137,7 @@ def covering_range(values: Sequence[float], limits: ValueRange) -> ValueRange:
     return max(low - margin, limits[0]), min(high + margin, limits[1])
 
 
-# Reading ------------------------------------------------------------------------------------------------------
+# Reading
 
 
 def _read_poses(
@@ -157,7 +156,7 @@ def _read_poses(
 
 
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
-    """Returns the pose in a recording. If the recording is unusable, raises ``StudyError`` with its name."""
+    """Returns the pose in a recording. Raises ``StudyError`` with the name of the recording if it is unusable."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
@@ -165,7 +164,9 @@ def _read_pose(attempt: ExportedAttempt) -> TrialPose:
     try:
         return _trial_pose(attempt, recording)
     except (KeyError, ValueError) as error:
-        raise StudyError(f"{attempt.attempt.recording} lacks the person's pose: {error}") from error
+        raise StudyError(
+            f"{attempt.attempt.recording} contains no usable pose of the person: {error}"
+        ) from error
 
 
 def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
@@ -191,7 +192,7 @@ def _motion(participant: str, recording: Recording) -> RecordedMotion | None:
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Returns times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves.
+    """Returns times (n + 1,) in seconds and joint targets (n, 20) in degrees during the robot's motion.
 
     The last time is the end of the robot's motion.
     """
@@ -199,7 +200,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     targets = recording.topics["/body_targets"]
     if not begins or not control or not targets or targets[0][0] > begins[0]:
-        raise ValueError("it contains no trial, or no joint targets at its beginning")
+        raise ValueError("no trial phase, no control steps, or no joint targets at the start of the trial")
     times_ns = np.array([time_ns for time_ns, _ in targets])
     first = int(np.searchsorted(times_ns, begins[0], side="right")) - 1
     last = int(np.searchsorted(times_ns, control[-1][0], side="left"))
@@ -208,12 +209,12 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """Returns the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i holds from time i to time i + 1."""
+    """Returns the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i is valid from time i to i + 1."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
 
-# Fitting ------------------------------------------------------------------------------------------------------
+# Fitting
 
 
 def _fitted(
@@ -234,7 +235,7 @@ def _fitted(
 
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
-    """Returns the mean of each participant's values. ``values``: pairs of participant and value."""
+    """Returns the mean value of each participant. ``values``: pairs of participant and value."""
     values_by_participant: dict[str, list[float]] = {}
     for participant, value in values:
         values_by_participant.setdefault(participant, []).append(value)
@@ -244,7 +245,7 @@ def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> ValueRange:
     """Returns the range of torso heights of one sex in metres.
 
-    If fewer than two participants have this sex, the range is that of all participants.
+    If fewer than two participants have this sex, returns the range of all participants.
     """
     own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _participant_means((t.participant, t.torso_height_m) for t in trials)
@@ -253,9 +254,9 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> ValueRange:
 
 
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, ValueRange]:
-    """Returns the range of each joint in degrees; empty if there are fewer than two participants.
+    """Returns the angle range of each joint in degrees; empty if there are fewer than two participants.
 
-    If people move in trials (``moving``), joint angles are means of the beginning, otherwise of whole trials.
+    ``moving``: participants move in trials. Angles are then means over the first second, otherwise over whole trials.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
@@ -288,7 +289,7 @@ def _remarks(source: FittedStudy) -> str:
 
 
 def _behaviour_remarks(behaviour: FittedBehaviour | None) -> str:
-    """Returns mean and standard deviation of the group for each behaviour parameter."""
+    """Returns a text with the group mean and standard deviation of each behaviour parameter."""
     if behaviour is None:
         return "\nBehaviour is not fitted: it needs two participants whose recordings contain the world's states."
     lines = [
@@ -299,7 +300,10 @@ def _behaviour_remarks(behaviour: FittedBehaviour | None) -> str:
 
 
 def _small_sample_text(count: int) -> str:
-    """Returns a warning about a small sample: its range covers on average (n - 1) / (n + 1) of the population."""
+    """Returns a warning about a small sample.
+
+    The range of n participants covers on average (n - 1) / (n + 1) of the population.
+    """
     share = (count - 1) / (count + 1)
     return (
         f"Only {count} participants: on average, {share:.0%} of other people are within their extremes. "

@@ -1,4 +1,4 @@
-"""Participant flow through a study: numbers and flow chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
+"""Participant flow of a study: numbers at each step, and flow chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,23 +21,37 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 WITHDRAWAL_EVENT = "participant withdrawn"
-"""Name of the study event for a withdrawal. The event's ``detail`` is the reason."""
+"""Name of the study event of a withdrawal. ``detail`` of the event contains the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantFlow:
-    """Numbers of people, or of simulated participants, at each step of a study.
+    """Number of people, or of simulated participants, at each step of a study.
 
-    ``enrolled`` includes the ``deleted`` participants, whose data were deleted. ``analysed``: participants with counted
-    trials or answers. ``analysed_unfinished``: analysed participants who have not completed the study.
-    ``completed_without_data``: participants who completed the study but have no counted trial or answer.
-    ``exclusion_answers``: number of exclusions by answer to an inclusion question. ``withdrawal_reasons`` and
-    ``withdrawal_reasons_before_allocation``: number of withdrawals by reason.
-
-    ``orders``: number of participants by order of trials. ``consents``: number of participants by the latest consent
-    version that they accepted. ``reconsented``: participants who gave consent again. ``declined``: participants who
-    declined consent. ``consent_unknown`` and ``withdrawal_unknown``: participants whose consent or withdrawal was lost
-    with the database. ``first_day`` and ``last_day``: days of the first and last session (ISO 8601).
+    Attributes:
+        simulated: whether the numbers are of simulated participants.
+        enrolled: enrolled participants, including deleted participants.
+        deleted: participants with deleted data.
+        no_consent: enrolled participants without consent so far.
+        excluded: participants excluded by inclusion questions.
+        withdrew_before_allocation: withdrawals before a trial order was allocated.
+        consent_unknown: participants with lost consent records (the database was lost).
+        awaiting_allocation: participants with consent who have not answered the inclusion questions.
+        allocated: participants with an allocated trial order.
+        withdrew: withdrawals after allocation.
+        withdrawal_unknown: allocated participants with lost withdrawal records.
+        unfinished: allocated participants who have not completed the study.
+        completed: participants who completed the study.
+        analysed: participants with analysed trials or answers.
+        orders: number of participants by trial order (from 1).
+        consents: number of participants by the latest accepted version of the consent text.
+        reconsented: participants who gave consent again.
+        declined: participants who declined consent.
+        first_day, last_day: days of the first and last session (ISO 8601).
+        analysed_unfinished: analysed participants who have not completed the study.
+        completed_without_data: participants who completed the study, but have no analysed trial or answer.
+        exclusion_answers: number of exclusions by answer to an inclusion question.
+        withdrawal_reasons_before_allocation, withdrawal_reasons: number of withdrawals by reason.
     """
 
     simulated: bool
@@ -68,7 +82,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
-    """Returns the flow of people, then the flow of simulated participants. A group without participants is omitted."""
+    """Returns the numbers of people, then those of simulated participants. A group without participants is omitted."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)
@@ -128,7 +142,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """Returns the stored reason for the withdrawal of each withdrawn participant."""
+    """Returns an iterator over the stored reason of each withdrawal."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -139,14 +153,17 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 
 BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
-"""Width of boxes for steps, width of boxes for dropouts, space between boxes, and line height."""
+"""Width of step boxes, width of dropout boxes, space between boxes, and height of a text line."""
 CHARACTERS_PER_LINE = 42
-"""Number of characters that fit in a line of a box."""
+"""Maximum number of characters in a text line of a box."""
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Returns each step with its number of participants, and the reasons for leaving after it, with numbers."""
+    """Returns (text, dropouts) of each step.
+
+    The text contains the number of participants. Each dropout text contains a reason and its number of participants.
+    """
     before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -182,7 +199,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _reasons_text(reasons: Mapping[str, int]) -> str:
-    """Returns each reason and its number of participants, in brackets; empty without reasons."""
+    """Returns a text in brackets: each reason with its number of participants. Empty without reasons."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 
@@ -191,7 +208,7 @@ def _some(left: dict[str, int]) -> list[str]:
 
 
 def flow_chart(flow: ParticipantFlow) -> Drawing:
-    """Draw the flow chart. The chart of simulated participants is marked as simulated."""
+    """Returns the flow chart. The chart of simulated participants is marked as simulated."""
     width_in, shown = BOX_WIDTH_IN + DROPOUT_BOX_WIDTH_IN + 3 * GAP_IN, flow_steps(flow)
     boxes = [_box_height(_lines([words])) for words, _ in shown]
     beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]

@@ -1,4 +1,4 @@
-"""Headset checks at the beginning of sessions: table rows, description and report section."""
+"""Headset checks at the start of sessions: table rows, description and report section."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class HeadsetRow:
 
 
 def headset_rows(store: Store) -> list[HeadsetRow]:
-    """Returns the headset check of each session, in order. Sessions without a check are omitted."""
+    """Returns a row for the headset check of each session, in order. Sessions without a check are omitted."""
     return [
         _row(participant, session, session.headset)
         for participant in store.participants()
@@ -108,7 +108,7 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
 
 
 def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
-    """Returns sentences about the checks for the methods section; empty without checks."""
+    """Returns a summary of the checks for the methods section of a publication; empty without checks."""
     if not rows:
         return ""
     ready, emulated = sum(row.go for row in rows), sum(row.emulated for row in rows)
@@ -138,7 +138,7 @@ CHECK_HEADS = (
 
 
 def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
-    """Returns a description and a table of the headset checks; empty without checks."""
+    """Returns the report section: a summary and a table of the headset checks; empty without checks."""
     if not rows:
         return Markup()
     shown = table(

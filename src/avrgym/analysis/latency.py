@@ -1,4 +1,4 @@
-"""Latency from a tracked pose to the displayed picture: table rows and report section."""
+"""Latency from a tracked pose to the displayed frame: table rows and report section."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Latencies = Mapping[tuple[str, int], Sequence[Latency]]
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow:
-    """Duration of one stage between tracked pose and displayed picture, in counted trials."""
+    """Duration of one latency stage between tracked pose and displayed frame, in analysed trials."""
 
     participant: Annotated[
         str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
@@ -31,9 +31,9 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """Returns rows for all people together, then for each person; then the same for simulated participants.
+    """Returns latency rows: all people together, then each person; then the same for simulated participants.
 
-    Trials without latency measurements are omitted.
+    Only analysed trials with latency measurements are used.
     """
     rows: list[LatencyRow] = []
     for simulated in (False, True):
@@ -61,7 +61,10 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 
 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
-    """Returns the row with the total latency of all people, or of all simulated participants; ``None`` without one."""
+    """Returns the row with the total latency of all people, or of all simulated participants.
+
+    Returns ``None`` if there is no such row.
+    """
     return next(
         (
             row
@@ -82,7 +85,10 @@ LATENCY_METHOD = (
 
 
 def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
-    """Returns the report section: latency by stage, and the largest latency of a participant. Empty without rows."""
+    """Returns the report section: latency of each stage, and the largest latency of a participant.
+
+    The section is empty if there are no rows.
+    """
     rows = [row for row in latencies if row.simulated is simulated]
     if not rows:
         return Markup()

@@ -1,4 +1,4 @@
-"""The access log of a study: number of entries, people, and interim looks at results."""
+"""Access log of a study: number of entries, users, and interim looks at results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +11,11 @@ from avrgym.study.storage.store import Store
 
 @dataclass(frozen=True)
 class StudyLog:
-    """Summary of a study's log: number of entries, people, and times of the first and last entry.
+    """Summary of the access log of a study.
 
-    ``interim_looks``: descriptions of views of results before the planned number of participants completed the study.
+    ``entries``: number of entries. ``people``: users in the log. ``first_at``, ``last_at``: times of the first and last
+    entry (ISO 8601). ``interim_looks``: description of each view of results before the planned number of participants
+    completed the study.
     """
 
     entries: int
@@ -24,7 +26,7 @@ class StudyLog:
 
 
 def study_log(store: Store) -> StudyLog:
-    """Returns a summary of a study's log. Views of results after the planned end are not counted."""
+    """Returns a summary of the access log. Entries for views of results after the planned end are ignored."""
     sites = site_names(store)
     own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
     return StudyLog(
@@ -40,7 +42,10 @@ ENTRIES_LOST = "The database was rebuilt from the recordings: entries from befor
 
 
 def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
-    """Returns the report section. ``rebuilt_at``: time at which the database was rebuilt; ``None`` if it was not."""
+    """Returns the report section about the access log.
+
+    ``rebuilt_at``: time of the rebuild of the database (ISO 8601); ``None`` if it was not rebuilt.
+    """
     lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
     return tag(
         "section",

@@ -1,4 +1,4 @@
-"""Write the files of an analysis: report, tables, figures, and all results in one file."""
+"""Write the files of an analysis: report, tables, figures, publication files, and one file with all results."""
 
 import json
 import os
@@ -19,17 +19,19 @@ FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_output_folder(out: Path) -> None:
-    """Raise ``StudyError`` if the analysis would overwrite files that are not from an analysis."""
+    """Raises ``StudyError`` if ``out`` contains files with the same names that are not from an analysis."""
     present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
     if present and previous_files(out) is None:
-        raise StudyError(f"{out / present[0]} was not written by an analysis; choose another folder")
+        raise StudyError(
+            f"{out / present[0]} was not written by an analysis; choose another folder with --out DIR"
+        )
 
 
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
     """Write report, tables, figures and results into the folder ``out``. Returns the path of the report.
 
-    Files of an earlier analysis are replaced or removed; other files are not changed. Only the owner can read the new
-    files. ``study``: the study's folder; the report contains links to it.
+    Files of an earlier analysis are replaced or removed. Other files are not changed. Only the owner can read the new
+    files. ``study``: folder of the study; the report contains links to it.
 
     Raises:
         StudyError: if ``out`` contains files with the same names that are not from an analysis.

@@ -1,4 +1,4 @@
-"""The frozen analysis plan: tests that a plan can name, plan status of results, and deviations from the plan."""
+"""Frozen analysis plan: available tests, plan status of results, and deviations from the plan."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,11 +35,11 @@ from avrgym.study.storage.store import Store
 
 BOTH_UNITS = (TRIAL, PARTICIPANT)
 SuggestedHypothesis = tuple[str, list[str], Question]
-"""A suggested hypothesis: its text, its quantities, and the question of its tests."""
+"""A suggested hypothesis: text, quantities, and research question of its tests."""
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the families of tests that every plan must name, each with its quantities."""
+    """Returns the quantities by test family, for the families that each plan must contain."""
     return {
         question.family_name(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
@@ -48,20 +48,20 @@ def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the families of tests that a plan may name but need not, each with its quantities.
+    """Returns the quantities by test family, for the families that a plan can contain, but need not.
 
-    They test objective measures and model effects. They are exploratory unless a plan names them.
+    They are tests of objective measures and of model effects. They are exploratory if the plan does not contain them.
     """
     return outcome_tests(design) | model_tests(design)
 
 
 def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns all families of tests that a plan can name, required and optional, each with its quantities."""
+    """Returns the quantities by test family, for all families that a plan can contain (required and optional)."""
     return required_tests(design) | optional_tests(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
-    """Yields each question of the required tests, its units of analysis and its quantities."""
+    """Yields (research question, units of analysis, quantities) for the required tests."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated[:1]:
         yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
@@ -94,7 +94,7 @@ def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Seq
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
-    """Returns the paper's hypotheses for this design as a template for a plan. Their tests are by participant."""
+    """Returns the hypotheses of the paper for this design, as a template for a plan. All tests are by participant."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
@@ -127,11 +127,11 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> SuggestedHyp
 
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """The frozen plan of a study, and the deviations from it. ``plan``: ``None`` if its contents are unknown.
+    """The frozen plan of a study, and the deviations from it.
 
-    ``at``: time of freezing. ``origin_text``: description of the plan's date. ``is_confirmatory``: the plan is
-    certainly older than the first participant. ``sha256``: checksum of ``plan.toml``. ``record_sha256``: checksum of
-    the frozen record.
+    ``at``: time of freezing. ``plan``: ``None`` if its contents are unknown. ``origin_text``: sentence about the date
+    of the plan. ``is_confirmatory``: the plan is certainly older than the first participant. ``sha256``: checksum of
+    ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
     """
 
     at: str
@@ -144,11 +144,12 @@ class FrozenPlan:
 
     @property
     def confirmed(self) -> Plan | None:
-        """The plan if its tests are confirmatory, otherwise ``None``."""
+        """The plan if its tests are confirmatory; otherwise ``None``."""
         return self.plan if self.is_confirmatory else None
 
 
 def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> FrozenPlan | None:
+    """Returns the frozen plan with the deviations from it; ``None`` if no plan is frozen."""
     frozen = read_plan_of_study(store)
     if frozen is None:
         return None
@@ -169,7 +170,7 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
 
 
 def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
-    """Returns the families with the plan status of each test. Optional tests outside the plan are exploratory."""
+    """Returns the families with the plan status of each test. Optional tests are exploratory if not in the plan."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:
@@ -183,6 +184,7 @@ def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Fa
 
 
 def plan_results(plan: FrozenPlan) -> dict[str, Any]:
+    """Returns the frozen plan and the deviations from it, for ``results.json``."""
     return {
         "frozen_at": plan.at,
         "sha256": plan.sha256,
@@ -200,7 +202,7 @@ NO_PLAN = (
 
 
 def plan_section(plan: FrozenPlan | None) -> Markup:
-    """Returns the report section about the plan and the deviations from it; empty without a frozen plan."""
+    """Returns the report section about the frozen plan and the deviations from it; empty without a frozen plan."""
     if plan is None:
         return Markup()
     parts = (_frozen_text(plan), _deviations(plan))
@@ -241,7 +243,7 @@ def _deviations(frozen: FrozenPlan) -> Markup:
 def confirmatory_section(
     plan: Plan | None, tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> Markup:
-    """Returns the report section with the tests of the plan's hypotheses in one group; empty without a plan."""
+    """Returns the report section with the tests of the hypotheses in the plan; empty without a plan."""
     if plan is None:
         return Markup()
     shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]

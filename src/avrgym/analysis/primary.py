@@ -1,8 +1,13 @@
 """Select the primary results of a study, and correct their p values for multiple testing.
 
-Without a plan, the primary results are these tests by participant: differences between policies in each answer, score
-and objective measure; the first answer against the midpoint of its scale; and changes over sessions. With a plan, the
-primary results are the tests of its hypotheses. All other results are descriptive and have no stars.
+Without a plan, the primary results are these tests by participant:
+
+* differences between policies in each answer, score and objective measure
+* the first answer against the midpoint of its scale
+* changes over sessions
+
+With a plan, the primary results are the tests of its hypotheses. All other results are descriptive
+and have no significance stars.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,12 +45,12 @@ from avrgym.analysis.statistics.tests import holm_correction, significance_stars
 from avrgym.study.plan.plan import Plan
 
 TestIndex = tuple[int, int]
-"""Position of a test: index of the family, and index of the row in the family."""
+"""Index of a test: (index of the family, index of the row in the family)."""
 
 
 @dataclass(frozen=True)
 class ResultsWithRoles:
-    """Tests and model effects with roles. Primary results also have corrected p and stars."""
+    """Tests and model effects with their roles. Primary results also have corrected p and significance stars."""
 
     families: list[Family]
     models: list[ModelRow]
@@ -54,7 +59,7 @@ class ResultsWithRoles:
 def assign_roles(
     families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
-    """Returns every test and model effect with its role. People and simulated participants are corrected separately.
+    """Returns all tests and model effects with their roles. The correction is separate for simulated participants.
 
     Args:
         families: the families of tests.
@@ -96,7 +101,7 @@ def assign_roles(
 
 
 def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
-    """Returns the role of a test. If a hypothesis names a test by trial, the same test by participant is primary."""
+    """Returns the role of a test. If a hypothesis contains a test by trial, the test by participant is primary."""
     if row.unit == TRIAL:
         return SUPPLEMENT
     if plan is None:
@@ -112,7 +117,7 @@ def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
 
 
 TestDifferences = tuple[float | None, Mapping[str, float]]
-"""p of a test, and the difference of each participant. For unpaired tests, the differences are empty."""
+"""(p, difference of each participant) of a test. For unpaired tests, the differences are empty."""
 
 
 def _p_and_differences(families: Sequence[Family], at: TestIndex) -> TestDifferences:
@@ -123,8 +128,8 @@ def _p_and_differences(families: Sequence[Family], at: TestIndex) -> TestDiffere
 def _corrected(tests: Sequence[TestDifferences], effects: Sequence[float | None]) -> list[float | None]:
     """Returns corrected p of the tests, then of the model effects.
 
-    Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are both kinds,
-    each p is doubled (Bonferroni).
+    Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are results of
+    both kinds, each p is doubled (Bonferroni).
     """
     paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
     others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
@@ -178,7 +183,10 @@ OTHER_RESULTS = (
 def primary_section(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
 ) -> Markup:
-    """Returns the report section with the primary results of one group; empty if there are none."""
+    """Returns the report section with the primary results of one group; empty if there are none.
+
+    ``planned``: a confirmatory plan defines the primary results.
+    """
     rows = primary_rows(tests, models, simulated)
     if not rows:
         return Markup()
@@ -228,7 +236,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 
 
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
-    """Yields notes about tests with few participants."""
+    """Yields notes about the limits of tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW_PARTICIPANTS for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."

@@ -1,4 +1,4 @@
-"""Motion of a person and a tool in a recorded trial, as behaviour models perceive and produce it."""
+"""Motion of person and tool in a recorded trial: observations and joint angles for fitting behaviour models."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from avrgym.recording.world import recorded_world
 from avrgym.tasks.registry import task_and_scene
 
 CHANNELS = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
-"""The joints whose motion is fitted. Tracking of head and hands determines their angles."""
+"""Joints with fitted motion. Their angles are determined by the tracking of head and hands."""
 WAIST_X, WAIST_Y, HEAD_X, HEAD_Z, ELBOW = range(len(CHANNELS))
 _COLUMNS = [JOINT_INDEX[name] for name in CHANNELS]
 _WAIST, _HEAD = ([JOINT_INDEX[f"{part}_{axis}"] for axis in "xyz"] for part in ("waist", "head"))
 
 MIN_TIMES = 20
-"""Least number of times of a motion: two seconds."""
+"""Minimum number of samples of a motion: two seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class RecordedMotion:
     Attributes:
         participant: pseudonym.
         person: body and initial joint angles.
-        offered, posture: those of the task.
-        tool_w, head_w, mouth_w: positions (K, 3) of tool, head and mouth in the world every 0.1 s, metres.
-        right_arm_w: positions (K, 3, 3) of shoulder, elbow and wrist.
-        angles_rad: angles (10 K, 5) of the ``CHANNELS`` every 0.01 s. Head angles are those of a waist without yaw.
-        start: number of the first of the K times at which the robot acts.
+        offered, posture: offered body part and posture of the person in the task.
+        tool_w, head_w, mouth_w: positions (K, 3) of tool, head and mouth every 0.1 s, in metres in the world frame.
+        right_arm_w: positions (K, 3, 3) of right shoulder, elbow and wrist.
+        angles_rad: angles (10 K, 5) of the ``CHANNELS`` every 0.01 s. Head angles include the yaw of the waist.
+        start: index of the first of the K samples with robot motion.
     """
 
     participant: str
@@ -50,17 +50,20 @@ class RecordedMotion:
 
 
 def read_motion(participant: str, recording: Recording) -> RecordedMotion:
-    """Returns the motion in a completed recording.
+    """Returns the motion in the recording of a completed trial.
 
     Raises:
-        ValueError: if the recording has no states or joint targets, or if its world cannot be created.
+        ValueError: if the recording contains no simulation states, no joint targets or less than two seconds of motion,
+            or if its world cannot be created.
     """
     states, targets = recording.topics["/physics"], recording.topics["/body_targets"]
     control, events = recording.topics["/control"], recording.topics["/events"]
     begins = [time_ns / 1e9 for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     count = int(control[-1][0] / 1e9 / PHYSICS_STEP_S + 1e-6) // SUBSTEPS if control else 0
     if not begins or not targets or len(states) < count * SUBSTEPS or count < MIN_TIMES:
-        raise ValueError("it contains no motion of a person and a tool")
+        raise ValueError(
+            "the recording contains no simulation states, no joint targets or less than 2 s of motion"
+        )
     task, scene = task_and_scene(recording.configuration.environment)
     simulation = recorded_world(recording.configuration).simulation
     perceived: list[tuple[FloatArray, ...]] = []
@@ -88,8 +91,10 @@ def read_motion(participant: str, recording: Recording) -> RecordedMotion:
 
 
 def _channels(joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns the ``CHANNELS`` (T, 5) of joint angles (T, 20). The waist's yaw is added to the rotation of the head:
-    inverse kinematics divides yaw between both."""
+    """Returns the angles (T, 5) of the ``CHANNELS`` from joint angles (T, 20).
+
+    The yaw of the waist is added to the rotation of the head, because inverse kinematics divides yaw between both.
+    """
     channels = joint_angles_rad[:, _COLUMNS].copy()
     for channel, yaw_rad, head_rad in zip(
         channels, joint_angles_rad[:, _WAIST[2]].tolist(), joint_angles_rad[:, _HEAD].tolist(), strict=True

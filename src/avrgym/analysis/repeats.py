@@ -1,4 +1,4 @@
-"""Repeated trials by condition, reason and experimenter: table rows and report section."""
+"""Repeated trials, by condition, reason and experimenter: table rows and report section."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -14,7 +14,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatRow:
-    """Attempts in one condition that were replaced by repeats with the same reason, cause and experimenter."""
+    """Attempts in one condition that were replaced by repeats. All have the same reason, cause and experimenter."""
 
     simulated: IsSimulated
     task: TaskName
@@ -41,7 +41,7 @@ class RepeatRow:
 
 
 def repeat_rows(attempted_trials: Iterable[AttemptedTrial]) -> list[RepeatRow]:
-    """Returns the rows of all conditions with repeated trials."""
+    """Returns rows for all conditions with repeated trials: one for each reason, cause and experimenter."""
     conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
     for each in attempted_trials:
         condition = (each.participant.simulated, each.trial.task, each.trial.robot, each.trial.policy)
@@ -85,7 +85,7 @@ REPEATS_METHOD = (
 def repeats_section(
     design: Design, repeats: Sequence[RepeatRow], findings: Sequence[str], simulated: bool
 ) -> Markup:
-    """Returns the report section about repeats in one group. ``findings``: results of the tests of repeats."""
+    """Returns the report section about repeated trials of one group. ``findings``: results of the tests of repeats."""
     rows = [row for row in repeats if row.simulated is simulated]
     listed = [bullet_list([f"{each}." for each in findings]), *_policy_codes(design)] if findings else []
     shown = [_table(rows, simulated)] if rows else []
@@ -93,7 +93,7 @@ def repeats_section(
 
 
 def _policy_codes(design: Design) -> list[Markup]:
-    """Returns a paragraph with the policy of each code letter; empty if the experimenter is not blinded."""
+    """Returns a paragraph with the policy of each code letter; an empty list if the experimenter is not blinded."""
     if not design.blind_experimenter:
         return []
     codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]

@@ -1,4 +1,4 @@
-"""The report of a study: results of people, then of simulated participants, with a section for each topic."""
+"""Report of a study: results of people, then of simulated participants, with a section for each topic."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -55,7 +55,7 @@ TITLES = {False: "People", True: "Simulated participants"}
 
 
 def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
-    """Write the report as an HTML page. Equal analyses result in equal bytes.
+    """Write the report as an HTML page. The bytes of equal analyses are equal.
 
     ``study_link``: relative link to the study's folder.
     """
@@ -220,7 +220,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """Returns the section with facts that a publication needs and that results do not contain."""
+    """Returns a section with facts for a publication that are not in the results."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -266,7 +266,7 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """Returns one problem with all its places. Several places are in a folded list."""
+    """Returns one problem with all its places. Several places are a folded list."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

@@ -1,4 +1,4 @@
-"""Results of each site in studies with several sites. They are descriptive and not tested."""
+"""Results of each site, for studies with several sites. They are descriptive; there are no tests."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -49,7 +49,7 @@ class SiteOutcomeRow(Outcome):
 
 @dataclass(frozen=True, kw_only=True)
 class SiteEffectRow:
-    """An effect size at one site. Each participant gives one value. Columns are those of ``ComparisonRow``."""
+    """An effect size at one site, with one value for each participant. Columns are those of ``ComparisonRow``."""
 
     simulated: IsSimulated
     site: SiteName
@@ -101,12 +101,12 @@ def site_effect_rows(
 
 
 def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
-    """Returns the name of the row's site, or ``NO_SITE``."""
+    """Returns the site name in a row; ``NO_SITE`` if the row has no site."""
     return row.site or NO_SITE
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
-    """Yields (simulated, site name) for each site of a group with several sites; nothing for a single site."""
+    """Yields (simulated, site name) for each site of a group. A group with a single site is omitted."""
     for simulated in (False, True):
         sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:

@@ -1,4 +1,4 @@
-"""Report section about the Lab Streaming Layer streams of other devices."""
+"""Report section about the recorded Lab Streaming Layer streams of other devices."""
 
 from collections.abc import Callable, Sequence
 from statistics import median

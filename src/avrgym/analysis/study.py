@@ -79,18 +79,44 @@ from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
 CSV_ONLY_TABLES = ("control_steps", "people")
-"""Names of the tables that are too long for ``results.json``. They are only in CSV files."""
+"""Names of the tables that are only in CSV files. They are too long for ``results.json``."""
 FORMAT = f"{FORMAT_NAME} 1"
 FROM_CURRENT_FILES = "data that recordings do not contain are taken from the current files of the study"
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The results of a study. ``groups``: counted trials with recorded body posture, for each group of participants.
+    """The results of a study.
 
-    ``design``: the study's design with all answered items. ``session_designs``: the recorded designs of the
-    participants; ``differences``: their differences from the current design. ``losses``: consequences of a lost
-    database. ``repeat_findings`` are about simulated participants if ``repeats_of_simulated``, otherwise about people.
+    Attributes:
+        design: the current design with all answered items.
+        plan: the frozen plan; ``None`` if there is none.
+        differences: differences between the recorded designs and the current design.
+        session_designs: the recorded designs of the participants.
+        items: versions of answered items.
+        observed: the data of the study.
+        flows: number of participants at each step: of people, then of simulated participants.
+        headsets: headset checks of sessions.
+        groups: analysed trials with recorded body posture: of people, then of simulated participants.
+        people: people sampled from the training populations.
+        objective: reward and success of each condition.
+        subjective: summaries of answers after trials.
+        session_answers: summaries of answers before and after sessions.
+        likert: frequency of each value of each item.
+        score_summaries: summaries of questionnaire scores.
+        families: tests by family.
+        models: effects in regression models.
+        biomechanics, ranges: distributions and ranges of body measures.
+        site_outcomes, site_effects: results of each site; empty for a single site.
+        latency: latency from pose to displayed frame.
+        rebuilt_at: time of the rebuild of the database; ``None`` if it was not rebuilt.
+        log: summary of the access log.
+        adverse_events: reports of adverse events.
+        functioning: numbers of answers about functioning.
+        losses: consequences of a lost database.
+        repeats: repeated trials by condition.
+        repeat_findings: results of the tests of repeats.
+        repeats_of_simulated: ``repeat_findings`` are about simulated participants, otherwise about people.
     """
 
     design: Design
@@ -126,11 +152,11 @@ class Analysis:
 
     @property
     def tests(self) -> list[ComparisonRow]:
-        """The rows of all families of tests."""
+        """The test rows of all families."""
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
-        """Yields all tables for CSV files."""
+        """Yields all tables for the CSV files."""
         seen = self.observed
         yield Table.of("participants", ParticipantRow, seen.participants)
         yield Table.of("trials", TrialRow, seen.trials)
@@ -169,7 +195,7 @@ class Analysis:
         yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
-        """Returns all results for ``results.json``, without control steps and sampled people."""
+        """Returns the contents of ``results.json``: all results, without control steps and sampled people."""
         return {
             "format": FORMAT,
             "title": self.design.title,

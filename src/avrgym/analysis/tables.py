@@ -1,4 +1,4 @@
-"""Tables as CSV files. A table without rows results in a file with only a header."""
+"""Analysis tables, and their CSV files. The file of a table without rows contains only the header."""
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from avrgym.system.files import open_new_csv
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table: rows (values by column name), and the description of each column."""
+    """A table: description of each column, and rows (values by column name)."""
 
     name: str
     columns: Mapping[str, Column]
@@ -29,7 +29,10 @@ class Table:
         return cls(name, columns_of(kind), [vars(row) for row in rows])
 
     def write(self, folder: Path) -> None:
-        """Write the table as CSV into a folder. Text that a spreadsheet could run as a formula gets an apostrophe."""
+        """Write the table as a CSV file into a folder.
+
+        A text that a spreadsheet could execute as a formula starts with an apostrophe in the file.
+        """
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
@@ -39,7 +42,7 @@ class Table:
 def control_steps(
     series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
-    """Returns all control steps of all trials, with unweighted reward terms. Terms of other tasks are empty."""
+    """Returns the table of all control steps, with unweighted reward terms. Terms of other tasks are empty."""
     recorded = {
         f"term_{term}" for each in series.values() for step in each.steps for term in step.reward_terms
     }

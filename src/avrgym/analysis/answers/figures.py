@@ -45,15 +45,15 @@ from avrgym.study.design.design import Design
 LINE_HEIGHT = 0.55
 """Height of a text line, relative to the height of a bar."""
 BRACKET_WIDTH_IN = 0.62
-"""Width of a bracket together with the test result next to it."""
+"""Width of the bracket of a test, including the text of its result."""
 MAX_BRACKETS = 6
-"""Maximum number of comparisons for one item. If an item has more, the figure shows no tests."""
+"""Maximum number of test brackets for one item. If an item has more tests, the figure contains no tests."""
 
 
 def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Yields a figure for each questionnaire after trials, as in the paper: answers by policy, and tests."""
+    """Yields a figure for each questionnaire after trials: answers by policy, and tests (as in the paper)."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -68,7 +68,7 @@ def trial_answers_figures(
 def mean_answers_figures(
     design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """Yields a bar chart for each questionnaire after trials, as in Figure 8 of the paper: mean answers by policy."""
+    """Yields a bar chart for each questionnaire after trials: mean answers by policy (Figure 8 of the paper)."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -92,7 +92,7 @@ def mean_answers_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """Returns the tests between policies that a figure shows. Each participant gives one value: the mean of trials."""
+    """Returns the tests between policies for a figure. Each participant has one value: the mean over trials."""
     family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
@@ -121,7 +121,7 @@ def session_answers_figures(
 
 
 def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
-    """Returns the file name of a figure of answers after trials.
+    """Returns the file name (without suffix) of the figure of the answers after trials.
 
     With several questionnaires after trials, the file name contains the questionnaire's name.
     """
@@ -129,7 +129,7 @@ def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
 
 
 def session_figure_name(questionnaire: Questionnaire) -> str:
-    """Returns the file name of a figure of answers about sessions."""
+    """Returns the file name (without suffix) of the figure of the answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
 
@@ -141,7 +141,7 @@ def _likert_figure(
     tests: Sequence[ComparisonRow],
     words: tuple[str, str],
 ) -> Drawing:
-    """Draw the distribution of the answers to each item, with a bar for each group, and tests between groups.
+    """Returns a figure of the distribution of answers to each item: a bar for each group, and tests between groups.
 
     ``words``: a noun for the groups (such as "policy"), and a noun for the numbers in the bars (such as "trials").
     """
@@ -181,12 +181,12 @@ def _likert_figure(
 
 
 def proxy_note(by_proxy: int, answers: int) -> str:
-    """Returns the mark of figures and tables with answers of proxies; empty without such answers."""
+    """Returns a note with the number of answers that a proxy gave; empty if there are none."""
     return f"{by_proxy} of {answers} answers by a proxy" if by_proxy else ""
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the x axis of shares. ``beside``: width of the space on its right for tests."""
+    """Draw the x axis (share of answers). ``beside``: width of the space for tests to the right of the bars."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
@@ -215,7 +215,7 @@ def _common_scale(questionnaire: Questionnaire) -> str:
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """Returns the item's text in lines of at most ``letters`` characters; with its scale if ``common`` is empty."""
+    """Returns the item text in lines of at most ``letters`` characters. If ``common`` is empty, the scale is added."""
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -235,7 +235,7 @@ def _bars(
 
 
 def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
-    """Draw one stacked bar with the neutral value at x = 0. A share of 1 is ``share_in`` inches long."""
+    """Draw one stacked bar with the neutral value at x = 0. ``share_in``: length of a share of 1, in inches."""
     below = sum(row.share for row in rows if row.value < neutral)
     at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
@@ -263,7 +263,7 @@ def _brackets(
 
 
 ROW_WIDTH_IN = 4.2
-"""Width of a row of bars."""
+"""Width of a row of bars (all bars of one subplot)."""
 BAR_WIDTH_IN = 0.34
 """Minimum width of a bar. The mean is printed above the bar."""
 
@@ -274,7 +274,7 @@ def means_figure(
     rows: Sequence[SubjectiveRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
-    """Returns a bar chart of the mean answer to each item with each policy. Many items are split into rows."""
+    """Returns a bar chart: mean answer to each item for each policy. Many items are divided into several rows."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
     with matplotlib.rc_context(STYLE):

@@ -50,7 +50,10 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreSummaryRow:
-    """Summary of counted scores of one scale: after trials with one policy, before or after sessions, or changes."""
+    """Summary of the analysed scores of one scale.
+
+    The scores are from trials with one policy, from before or after sessions, or they are changes over sessions.
+    """
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -70,7 +73,7 @@ class ScoreSummaryRow:
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
-    """Returns summaries of each scale: for each policy, before sessions, after sessions, and for the change."""
+    """Returns summary rows of each scale: for each policy, before sessions, after sessions, and for the change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
@@ -89,11 +92,11 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 
 
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
-    """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire are a family.
+    """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire form a family.
 
-    Scores after trials: tests compare policies, paired within participant × task × robot. One family has trials as
-    units, another has participants. Scores about sessions: tests compare scores after and before the session, paired
-    within participant.
+    Scores after trials: the tests compare policies, paired within participant × task × robot. There is one family with
+    trials as the unit of analysis, and one with participants. Scores about sessions: the tests compare the scores after
+    and before sessions, paired within participant.
     """
     families: list[Family] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -111,14 +114,14 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
 
 
 def scores_policies_question(questionnaire: Questionnaire) -> Question:
-    """Returns the question: do the scores of a questionnaire differ between policies?"""
+    """Returns the research question: do the scores of a questionnaire differ between policies?"""
     return Question(
         f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
     )
 
 
 def scores_change_question(questionnaire: Questionnaire) -> Question:
-    """Returns the question: do the scores of a questionnaire change over sessions?"""
+    """Returns the research question: do the scores of a questionnaire change over sessions?"""
     name = f"before and after sessions, scores of {questionnaire.name}"
     return Question(name, score_tests_caption(questionnaire), primary=True)
 
@@ -141,7 +144,7 @@ def _policy_family(
 def _by_questionnaire(
     design: Design, scores: Sequence[ScoreRow]
 ) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
-    """Yields the counted scores of each questionnaire, first of people, then of simulated participants."""
+    """Yields (simulated, questionnaire, analysed scores): first for people, then for simulated participants."""
     counted = [row for row in scores if row.counted and row.score is not None]
     for simulated in sorted({row.simulated for row in counted}):
         for questionnaire in design.questionnaires:
@@ -170,7 +173,7 @@ def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Unit
 def _by_proxy(
     rows: Sequence[ScoreRow], scale: str, moments: Sequence[str], policy: str | None
 ) -> list[ScoreRow]:
-    """Returns the scores that contain an answer of a proxy."""
+    """Returns the scores that are computed from at least one answer of a proxy."""
     return [
         row
         for row in rows

@@ -42,7 +42,7 @@ def answers_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Returns the report section: answers after trials and their tests, then answers about sessions and their tests."""
+    """Returns the report section: answers after trials with tests, then answers about sessions with tests."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
         for questionnaire in questionnaires_at(design, AFTER_TRIAL)

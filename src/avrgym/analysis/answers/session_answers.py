@@ -1,4 +1,4 @@
-"""Participants' answers before and after sessions, and their changes: summaries, frequencies and tests."""
+"""Answers before and after sessions, and their changes: summaries, frequencies and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -42,9 +42,10 @@ CHANGE = "change"
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the counted answers to one item: before sessions, after sessions, or the change.
+    """Summary of the analysed answers to one item: before sessions, after sessions, or the change.
 
-    Each participant gives one value. The change is the answer after minus the answer before; it needs both answers.
+    Each participant has one value. The change is the answer after sessions minus the answer before sessions. A
+    participant without both answers has no change.
     """
 
     simulated: IsSimulated
@@ -64,16 +65,16 @@ class SessionAnswerRow:
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
-"""For each (moment, item or scale): the value of each participant."""
+"""Value of each participant, by (moment, item or scale) and by pseudonym."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
-    """Returns the questionnaires that are shown before or after sessions, in the design's order."""
+    """Returns the questionnaires before or after sessions, in the order of the design."""
     return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Returns summaries of each item: before sessions, after sessions, and for the change."""
+    """Returns summary rows of each item: before sessions, after sessions, and for the change."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -85,7 +86,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Returns how often each value of each item was given, before and after sessions."""
+    """Returns the frequency of each value of each item, before and after sessions."""
     return [
         row
         for simulated, questionnaire, _ in _asked(design, answers)
@@ -98,7 +99,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
 
 
 def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Returns Wilcoxon signed-rank tests of the changes over sessions. The tests of one questionnaire are a family."""
+    """Returns Wilcoxon signed-rank tests of changes over sessions. The tests of one questionnaire form a family."""
     return [
         corrected_family(
             simulated,
@@ -112,7 +113,10 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """Returns the values of ``quantity`` at ``moment``. ``CHANGE``: after minus before, of participants with both."""
+    """Returns the values of ``quantity`` at ``moment``.
+
+    For ``CHANGE``, the values are after minus before, for participants with both values.
+    """
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
@@ -120,7 +124,10 @@ def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[f
 
 
 def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
-    """Compare values after sessions with values before, for participants who have both."""
+    """Returns a signed-rank test of the values after sessions against those before.
+
+    Only participants with both values are included.
+    """
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [name for name in before if name in after]
     a, b = [after[name] for name in both], [before[name] for name in both]
@@ -137,7 +144,7 @@ def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
-    """Returns the question: do the answers to a questionnaire change over sessions?"""
+    """Returns the research question: do the answers to a questionnaire change over sessions?"""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
     return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
@@ -146,7 +153,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """Yields each questionnaire about sessions with the counted answers: of people, then of simulated participants."""
+    """Yields (simulated, questionnaire, analysed answers): first for people, then for simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}
@@ -165,7 +172,7 @@ def _counted(answers: Sequence[AnswerRow], simulated: bool, moment: str, quantit
 def _participants_with_proxy(
     answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
 ) -> set[str]:
-    """The participants whose value comes from an answer of a proxy; a change comes from two answers."""
+    """Returns the participants with a value from an answer of a proxy. A change is computed from two answers."""
     moments = SESSION_MOMENTS if moment == CHANGE else (moment,)
     given = [_counted(answers, simulated, each, quantity) for each in moments]
     known = set[str].intersection(*({row.participant for row in own} for own in given))

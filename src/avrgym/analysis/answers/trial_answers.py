@@ -1,4 +1,4 @@
-"""Participants' answers after trials: summaries, frequencies, and the paper's two tests."""
+"""Answers after trials: summaries, frequencies, and the two tests of the paper."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class SubjectiveRow:
-    """Summary of the counted answers to one item with one policy. ``all`` means all tasks or all robots together."""
+    """Summary of the analysed answers to one item with one policy. ``all`` means all tasks or all robots together."""
 
     simulated: IsSimulated
     item: ItemName
@@ -67,7 +67,10 @@ class SubjectiveRow:
 
 @dataclass(frozen=True, kw_only=True)
 class LikertRow:
-    """Frequency of one value in the answers to an item: after trials with one policy, or before or after sessions."""
+    """Frequency of one value in the analysed answers to an item.
+
+    The answers are from trials with one policy, or from before or after sessions.
+    """
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -84,7 +87,7 @@ AFTER_TRIAL = "after_trial"
 
 
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
-    """Returns summaries of each item with each policy: over all trials, by task, by robot, and by task and robot."""
+    """Returns summary rows of each item and policy: over all trials, by task, by robot, and by task and robot."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
@@ -100,7 +103,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Returns how often each value of each item was given after trials, by policy."""
+    """Returns the frequency of each value of each item after trials, by policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -117,7 +120,7 @@ def value_frequencies(
     policy: str | None,
     answers: Sequence[AnswerRow],
 ) -> list[LikertRow]:
-    """Returns how often each value on the scale of ``item`` is in ``answers``."""
+    """Returns the frequency in ``answers`` of each value on the scale of ``item``."""
     values = [row.value for row in answers]
     of_proxies = [row.value for row in answers if row.respondent == PROXY]
     return [
@@ -137,12 +140,12 @@ def value_frequencies(
 
 
 def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Returns the paper's two tests, by trial (as in the paper) and by participant.
+    """Returns the two tests of the paper, by trial (as in the paper) and by participant.
 
     Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale.
     Test 2: for each item, policies are compared, paired within participant × task × robot. The tests of one
-    questionnaire are a family. Trials of one participant are not independent: if participants differ, p by trial is
-    too small. In tests by participant, each participant gives one value, the mean over trials.
+    questionnaire form a family. Trials of one participant are not independent: if participants differ, p by trial is
+    too small. In tests by participant, each participant has one value: the mean over trials.
     """
     families: list[Family] = []
     for simulated in _groups(answers):
@@ -163,25 +166,25 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
 
 
 def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
-    """Returns the questionnaires that are shown at ``moment``, in the design's order."""
+    """Returns the questionnaires at ``moment`` (such as "after_trial"), in the order of the design."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def trial_items(design: Design) -> tuple[Item, ...]:
-    """Returns the items of all questionnaires after trials, in the design's order."""
+    """Returns the items of all questionnaires after trials, in the order of the design."""
     return tuple(
         item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
     )
 
 
 def midpoint_question(questionnaire: Questionnaire) -> Question:
-    """Returns the question: do the answers to the first item differ from the midpoint of its scale?"""
+    """Returns the research question: do the answers to the first item differ from the midpoint of its scale?"""
     name = f"{questionnaire.items[0].id} against the middle"
     return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
-    """Returns the question: do the answers to a questionnaire differ between policies?
+    """Returns the research question: do the answers to a questionnaire differ between policies?
 
     With several questionnaires after trials, the question's name contains the questionnaire's name.
     """

@@ -1,6 +1,6 @@
-"""Compare participants with the training populations: torso heights, head positions and waist angles.
+"""Comparison of participants with training populations: torso heights, head positions and waist angles.
 
-The paper compared its participants with the Original population in this way to define the Revised population.
+The paper used this comparison to define the Revised population from the Original population.
 """
 
 from collections.abc import Sequence
@@ -76,13 +76,13 @@ class RangeRow:
 
 @dataclass(frozen=True, eq=False)
 class BodyTrials:
-    """Counted trials with recorded body posture, either of people or of simulated participants."""
+    """Analysed trials with recorded body posture, of people or of simulated participants."""
 
     simulated: bool
     trials: tuple[TrialRow, ...]
 
     def postures(self) -> list[str]:
-        """Returns the postures that occur in these trials."""
+        """Returns the different postures in these trials: ``seated``, ``in bed`` or both."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
     def trials_in_posture(self, posture: str) -> list[TrialRow]:
@@ -91,7 +91,10 @@ class BodyTrials:
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
-    """Returns the trials of people, then those of simulated participants. A group without trials is omitted."""
+    """Returns the analysed trials with recorded body posture: of people, then of simulated participants.
+
+    A group without such trials is omitted.
+    """
     usable = [row for row in trials if row.counted and row.torso_height_m is not None]
     return [
         BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
@@ -103,7 +106,10 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
-    """Returns distributions of torso height, and of head position by posture: participants and training populations."""
+    """Returns the distributions of torso height, and of head position by posture.
+
+    First are the rows of participants, then those of the training populations.
+    """
     rows: list[BiomechanicsRow] = []
     for group in groups:
         own = torso_heights(group)
@@ -124,7 +130,10 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Returns the torso height of each participant in metres: the median over trials. ``sex``: use only this sex."""
+    """Returns the torso height of each participant in metres: the median over trials.
+
+    ``sex``: only participants of this sex; ``None``: all participants.
+    """
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
@@ -133,7 +142,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
-    """Returns each participant's mean head position (n, 3) over trials in ``posture``, in metres in the world frame."""
+    """Returns the mean head position of each participant over trials in ``posture``: (n, 3), world frame, metres."""
     trials = group.trials_in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]

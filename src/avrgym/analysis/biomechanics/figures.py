@@ -26,15 +26,12 @@ from avrgym.analysis.page.drawing import (
 from avrgym.models.human import SEXES
 
 MAX_SHOWN_PEOPLE = 150
-"""Maximum number of sampled people that a figure shows for each population and posture."""
+"""Maximum number of sampled people in a figure, for each population and posture."""
 BIN_M = 0.01
 
 
-# Biomechanics
-
-
 def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Draw the distributions of torso heights, and a mark below them for each participant."""
+    """Returns a figure of the distributions of torso heights. A marker below them is the height of one participant."""
     own = torso_heights(trials)
     trained = {
         name: [row.torso_height_m for row in people if row.population == name]
@@ -68,7 +65,10 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Draw
 
 
 def head_position_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Draw head positions from the front and from the side: mean of each trial, and people of training populations."""
+    """Returns a figure of head positions from the front and from the side.
+
+    Points are means of trials, and people sampled from the training populations.
+    """
     postures = trials.postures()
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")

@@ -17,8 +17,6 @@ from avrgym.analysis.page.elements import (
     tag,
 )
 
-# Biomechanics
-
 
 def biomechanics_section(
     distributions: Sequence[BiomechanicsRow],
@@ -27,7 +25,10 @@ def biomechanics_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Returns the report section: figures, ranges, tests and distributions of participants and training populations."""
+    """Returns the report section: figures, ranges, tests and distributions.
+
+    They compare participants with training populations.
+    """
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")

@@ -1,4 +1,4 @@
-"""Compare participants with the training populations: the paper's paired tests, and tests of unpaired samples."""
+"""Tests of participants against training populations: the paired tests of the paper, and tests of unpaired samples."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -36,8 +36,8 @@ HEAD_QUESTION = Question("head positions", table="Head positions by axis")
 def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
     """Returns all tests of torso heights, then of head positions, for each group and posture.
 
-    The signed-rank test (as in the paper) pairs each trial with a person who was sampled for the same task. These pairs
-    are arbitrary. The Mann-Whitney test compares unpaired samples: one value of each participant, and all sampled
+    The signed-rank test (as in the paper) pairs each trial with a person sampled for the same task. The choice of pairs
+    is arbitrary. The Mann-Whitney test compares unpaired samples: one value of each participant, and all sampled
     people. The energy test does the same for three-dimensional head positions.
     """
     return [family for group in groups for family in _families(group, people)]
@@ -115,7 +115,7 @@ def _against(
 
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
-    """Returns a sampled person of the same task for each trial, in order. After the last person, the first follows."""
+    """Returns a sampled person of the same task for each trial, in order. After the last person, it starts again."""
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[PersonRow] = []

@@ -55,7 +55,8 @@ TRAINING_PEOPLE: Mapping[str, Distribution] = {
 }
 """Training populations by name.
 
-The second has the heights of Revised and the waist angles of Original. This separates their effects (as in the paper).
+The second population has the heights of Revised and the waist angles of Original. It separates the effects of heights
+and waist angles (as in the paper).
 """
 HEIGHT_DISTRIBUTIONS = ("original", "revised")
 """Names of the populations with different distributions of torso height."""
@@ -69,7 +70,10 @@ def posture_of(task: str) -> str:
 
 
 def sample_training_people(design: Design) -> list[PersonRow]:
-    """Sample ``PEOPLE_PER_TASK`` people for each population and task, from the same distributions as training."""
+    """Returns ``PEOPLE_PER_TASK`` sampled people for each population and task.
+
+    The distributions are those of training.
+    """
     return [
         row
         for name, task in product(TRAINING_PEOPLE, design.tasks)
@@ -78,7 +82,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 
 
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
-    """Sample people of one population for one task. The random seed depends only on population and task."""
+    """Returns sampled people of one population for one task. The random seed depends only on population and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
     rng = random_streams.training_people_generator(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
@@ -107,12 +111,15 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
-    """Returns the head positions (n, 3) of people of population ``name`` in ``posture``, in m in the world frame."""
+    """Returns the head positions (n, 3) of sampled people, in metres in the world frame.
+
+    Selected are the people of population ``name`` in ``posture``.
+    """
     return np.array(
         [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]
     )
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
-    """Returns the centre of the head (x, y, z) in the world frame, in metres."""
+    """Returns the head centre (x, y, z) in a table row, in metres in the world frame."""
     return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

@@ -1,4 +1,4 @@
-"""Effects in the regression models of a study, and the design matrix."""
+"""Effects of interest and design matrix of the regression models."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from avrgym.study.design.design import Design
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
 EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
 TASK_GROUPS = "tasks"
-"""Kind of the task effects. They are nuisance effects: the models contain them, but no result reports them."""
+"""Kind of the task effects. They are nuisance effects: the models contain them, but the results do not."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
 Group = tuple[str, str]
-"""Kind of effect and name of a group of trials, such as ``("policies", "original")``."""
+"""A group of trials: (kind of effect, name of the group), such as ``("policies", "original")``."""
 
 
 @dataclass(frozen=True)
 class TrialValue:
-    """The dependent variable in one trial (``value``), the trial's condition, and its position in the session.
+    """Value of the dependent variable in one trial (``value``), with condition and position of the trial.
 
     A block contains the trials of one task. ``block_position``: position of the block in the session, from 0 (first) to
     1 (last). ``position_in_block``: position of the trial in its block, from 0 to 1. ``previous_policy``: policy of the
-    previous trial or practice trial in the block; ``None`` if there is none.
+    previous trial (or practice trial) in the block; ``None`` if there is none.
     """
 
     participant: str
@@ -71,7 +71,7 @@ class DesignMatrix:
 
 
 def effects(design: Design) -> tuple[Effect, ...]:
-    """Returns all effects of interest in a study design."""
+    """Returns all effects of interest for a study design."""
     found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
@@ -85,12 +85,12 @@ def effects(design: Design) -> tuple[Effect, ...]:
 
 
 def after_policy(policy: str) -> str:
-    """Returns the name of the group of trials that follow a trial with ``policy``."""
+    """Returns the name of a group of trials: those immediately after a trial with ``policy``."""
     return f"after {policy}"
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
-    """Returns the design matrix of these trials. Columns that depend linearly on the columns before are omitted."""
+    """Returns the design matrix of these trials. A column is omitted if it depends linearly on earlier columns."""
     groups: list[Group] = []
     reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
@@ -106,7 +106,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Yields each group and its column, in order of importance; ``None`` for the reference group of each kind."""
+    """Yields (group, column) in order of importance. The column is ``None`` for reference groups."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
@@ -121,9 +121,9 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Yields each group and its indicator column (0 or 1); ``None`` for the first group, which is the reference.
+    """Yields (group, indicator column of 0 and 1). The first group is the reference group; its column is ``None``.
 
-    ``given``: group of each trial. Trials without a group have 1 / (number of groups) in each column.
+    ``given``: group of each trial. A trial without a group has the value 1 / (number of groups) in each column.
     """
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):

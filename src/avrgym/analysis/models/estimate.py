@@ -1,4 +1,4 @@
-"""Estimates from fitted models."""
+"""Estimates of effects from fitted regression models."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,7 +12,7 @@ CONFIDENCE_LEVEL = 0.95
 
 
 class FitError(Exception):
-    """The data do not identify the model or the effect."""
+    """The model or the effect cannot be estimated from these data."""
 
 
 @dataclass(frozen=True)
@@ -45,5 +45,5 @@ class FittedModel(Protocol):
     """A fitted regression model."""
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """Returns the estimate of ``contrast @ coefficients``. ``contrast`` (p,): a weight for each matrix column."""
+        """Returns the estimate of ``contrast @ coefficients``. ``contrast`` (p,): weight of each coefficient."""
         ...

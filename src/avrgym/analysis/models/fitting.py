@@ -1,4 +1,4 @@
-"""Choose and fit the regression model of a quantity, and estimate every effect."""
+"""Fit the regression model of a quantity, and estimate each effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,18 +16,18 @@ from avrgym.study.design.design import Design
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 EffectEstimates = Mapping[Effect, Estimate | FitError]
 RANDOM_EFFECT_BY_KIND = {POLICIES: "policy", ROBOTS: "robot"}
-"""Random effect for a kind of effect: participants can differ in their responses to policies and to robots."""
+"""Random effect by kind of effect: the effects of policies and robots can differ between participants."""
 UNRELIABLE_NOTE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
-    """Drop each task and robot whose values are all at the same end of the scale (complete separation).
+    """Drop each task and robot with all values at the same end of the scale (complete separation).
 
-    The effect of such a group is unbounded, and the group contains no information about other effects. Mixed models
-    keep all groups.
+    The effect of such a group is unbounded. The group contains no information about other effects. For mixed models, no
+    group is dropped.
 
     Returns:
-        The remaining values, and a note that names the dropped groups. The note is empty if no group was dropped.
+        The remaining values, and a note with the dropped groups. The note is empty if no group was dropped.
     """
     kept, left_out = list(observed), list[str]()
     if model == MIXED or len({each.value for each in observed}) < 2:
@@ -59,7 +59,7 @@ def _robot(observed: TrialValue) -> str:
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], requested_effects: Sequence[Effect]
 ) -> EffectEstimates:
-    """Fit the model. Returns the estimate of each effect, or the ``FitError`` that prevented this estimate."""
+    """Fit the model. Returns the estimate of each effect, or a ``FitError`` if the effect cannot be estimated."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(
             requested_effects, FitError("all values are equal" if observed else "there are no values")
@@ -88,7 +88,7 @@ def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> Estim
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> FittedModel:
-    """Fit a model with participants as clusters. Raises ``FitError`` if the values do not identify the model."""
+    """Returns a fitted model with participants as clusters. Raises ``FitError`` if it cannot be estimated."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
         raise FitError(f"fewer than {MIN_PARTICIPANTS} participants")
@@ -102,12 +102,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
-    """Returns a warning that names the random effects with zero variance; empty without such effects."""
+    """Returns a warning with the names of random effects with zero variance; empty if there are none."""
     return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
 class _WithConstant:
-    """A fitted model with an intercept. Contrasts do not contain the intercept. Estimates contain ``note``."""
+    """A fitted model with an intercept. Contrasts have no weight for the intercept. All estimates contain ``note``."""
 
     def __init__(self, fitted: FittedModel, note: str) -> None:
         self._fitted, self._note = fitted, note
@@ -117,9 +117,9 @@ class _WithConstant:
 
 
 def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
-    """Returns the labels (n,) of each random effect: participant, and participant by policy, by robot and by task.
+    """Returns the labels (n,) by random effect: participant, and participant by policy, by robot and by task.
 
-    A random effect is omitted if its labels are the same as those of participants, or if no two values share a label.
+    A random effect is omitted if its labels are equal to the participants, or if each value has a different label.
     """
     whole = [each.participant for each in observed]
     finer = {

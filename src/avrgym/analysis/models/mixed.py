@@ -1,11 +1,11 @@
 """Linear mixed models with random effects of participants and conditions.
 
-y = X β + e. The covariance of a cluster's values is Σ_a σ_a² G_a: each known matrix G_a times its variance. Restricted
-maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) estimates the variances by Fisher scoring. A variance
-may be negative if all covariances stay positive definite. If variances were bounded at zero, tests of few participants
-would have too many false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics
-53, 1997). For a single effect, the degrees of freedom are Satterthwaite's, and the variance is from the adjusted
-covariance.
+y = X β + e. The covariance of the values in a cluster is Σ_a σ_a² G_a, with variance components σ_a² and known matrices
+G_a. The variances are estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) with
+Fisher scoring. A variance can be negative if all covariances remain positive definite. With a lower bound of zero,
+tests with few participants would have too many false positives. Standard errors and degrees of freedom are those of
+Kenward and Roger (Biometrics 53, 1997). For a single effect, the degrees of freedom are Satterthwaite's, and the
+variance is from the adjusted covariance.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,16 @@ MAX_ITERATIONS = 30
 MAX_STEP_HALVINGS = 8
 TOLERANCE = 1e-10
 MAX_SINGULAR_SHARE = 1e-8
-"""The variance of a random effect counts as zero if it is at most this share of the residual variance."""
+"""A random-effect variance is considered zero if it is at most this share of the residual variance."""
 NOT_CONVERGED = "the values do not separate variance between and within participants"
 
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """Fitted model: coefficients (p,), variances (v,) with the residual variance last, and covariances.
+    """Fitted linear mixed model: coefficients (p,), variance components (v,), and covariances.
 
-    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``covariance_derivatives``
+    ``variances``: one for each random effect, then the residual variance. ``covariance`` (p, p): covariance of the
+    coefficients, without the uncertainty of the variances; ``adjusted`` (p, p) includes it. ``covariance_derivatives``
     (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance
     of the estimated variances.
     """
@@ -43,7 +44,7 @@ class MixedFit:
 
     @property
     def zero_variances(self) -> list[int]:
-        """Indices of the random effects with zero or negative variance. If there are any, the fit is singular."""
+        """Indices of the random effects with zero or negative variance. With such an effect, the fit is singular."""
         *groups, single = self.variances.tolist()
         return [
             place for place, variance in enumerate(groups) if variance <= MAX_SINGULAR_SHARE * abs(single)
@@ -87,17 +88,17 @@ class _State:
 def fit_mixed(
     values: ArrayLike, design_matrix: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
 ) -> MixedFit:
-    """Fit a linear mixed model to values (n,).
+    """Returns a linear mixed model, fitted to values (n,).
 
     Args:
         values: the dependent variable (n,).
         design_matrix: the design matrix (n, p) of the fixed effects, with an intercept.
         clusters: cluster of each value (n,); values of different clusters are independent.
-        groupings: an array for each random effect. Labels (n,): values with equal labels share a random intercept.
-            Covariates (n, k): random slopes with one common variance.
+        groupings: an array for each random effect. Labels (n,): values with equal labels have the same random
+            intercept. Covariates (n, k): random slopes with one common variance.
 
     Raises:
-        FitError: if the values do not identify effects or variances.
+        FitError: if effects or variances cannot be estimated from the values.
     """
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:

@@ -108,20 +108,20 @@ class ModelRow:
 
 
 MAX_ORDINAL_POINTS = 11
-"""Maximum number of points for an ordinal model. Answers on longer scales are continuous values in a mixed model."""
+"""Maximum number of scale points for an ordinal model. Answers on longer scales have a mixed model."""
 SUCCESS, REWARD = "success", "reward"
 ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
-"""Names of the tables that contain the values of a model group."""
+"""Names of the tables with the values of a model group."""
 TrialKey = tuple[str, int]
-"""A trial: pseudonym of the participant, and position of the trial."""
+"""Key of a trial: (pseudonym of the participant, position of the trial)."""
 
 
 @dataclass(frozen=True)
 class ModelGroup:
-    """Quantities with tests that are corrected together.
+    """Quantities with regression models. Their tests are corrected together for multiple testing.
 
-    ``models``: kind of model by quantity. ``rows``: name of the table with the values. ``questionnaire``: name of the
-    questionnaire of answers or scores; empty for success and reward.
+    ``models``: kind of model (ordinal, logistic, mixed) by quantity. ``rows``: name of the table with the values.
+    ``questionnaire``: name of the questionnaire of answers or scores; empty for success and reward.
     """
 
     name: str
@@ -130,7 +130,7 @@ class ModelGroup:
     questionnaire: str = ""
 
     def family(self, kind: str) -> str:
-        """Returns the name of the family of tests for one kind of effect. These tests are corrected together."""
+        """Returns the name of the family of tests of one kind of effect. Tests of a family are corrected together."""
         return f"{kind}, {self.name}"
 
 
@@ -156,7 +156,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the test families of the statistical models that a plan can list. Each has its outcome quantities."""
+    """Returns the quantities by test family, for all regression models. A plan can contain these families."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)
@@ -169,7 +169,7 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def trial_values(
     design: Design, data: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
-    """Returns the values of each quantity in counted trials, of people or of simulated participants."""
+    """Returns the values by quantity in the analysed trials of people, or of simulated participants."""
     counted = {
         (row.participant, row.position) for row in data.trials if row.counted and row.simulated is simulated
     }
@@ -182,7 +182,7 @@ def trial_values(
 
 
 def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
-    """Yields quantity, trial and value for each value in the table of the model group."""
+    """Yields (quantity, trial key, value) for each value in the table of the model group."""
     if source.rows == ANSWERS:
         for row in data.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
@@ -201,7 +201,7 @@ def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 
 
 def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
-    """Returns the condition and the position of each completed trial without practice; ``value`` is zero in all."""
+    """Returns condition and position of each completed trial, without practice trials. ``value`` is always 0."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.robot_policy_pairs) - 1, 1)
     block, place = 0, 0
@@ -225,7 +225,7 @@ def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[Tria
 def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> list[ModelRow]:
     """Returns a row for each effect on each quantity, separately for people and simulated participants.
 
-    Effects in the hypotheses of ``plan`` are confirmatory.
+    Effects in the hypotheses of ``plan`` are confirmatory, all others exploratory.
     """
     rows: list[ModelRow] = []
     for simulated in sorted({row.simulated for row in data.trials if row.counted}):
@@ -237,7 +237,10 @@ def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> lis
 def group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """Returns a row for each effect on the quantities of a model group, by kind of effect, with Holm's correction."""
+    """Returns a row for each effect on the quantities of a model group, sorted by kind of effect.
+
+    p is corrected by Holm's method within each kind of effect.
+    """
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
     for kind in EFFECTS:
@@ -309,7 +312,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
 
 
 def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
-    """Returns the row with the ranges of estimate and p over the leave-one-participant-out models."""
+    """Returns the row with minimum and maximum of estimate and p over the leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
         return row

@@ -20,14 +20,18 @@ MAX_ITERATIONS = 60
 TOLERANCE = 1e-12
 NOT_IDENTIFIED = "not all effects are identifiable from the values"
 MAX_LOG_ODDS = 12.0
-"""Effects above this limit (in log odds) count as unbounded: the groups are separated."""
+"""Effects above this limit (in log odds) are considered unbounded: the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
-"""Corrections of the covariance: residuals are divided by (1 − leverage) to this power."""
+"""Corrections of the covariance: exponents of (1 − leverage). The residuals are divided by this power."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrdinalFit:
-    """Fitted model: thresholds (k,) between categories, coefficients (p,), and their covariance (p, p)."""
+    """Fitted proportional odds model.
+
+    ``thresholds`` (k,): between categories. ``coefficients`` (p,), ``covariance`` (p, p): coefficients and their
+    covariance. ``clusters``: number of clusters.
+    """
 
     thresholds: FloatArray
     coefficients: FloatArray
@@ -43,13 +47,13 @@ class OrdinalFit:
 def fit_ordinal(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
 ) -> OrdinalFit:
-    """Fit a proportional odds model to answers (n,).
+    """Returns a proportional odds model, fitted to answers (n,).
 
     Args:
         values: the answers (n,).
         design: the design matrix (n, p) without intercept.
         clusters: cluster of each answer (n,).
-        correction: the power in the correction of the covariance for few clusters.
+        correction: the exponent in the correction of the covariance for few clusters.
 
     Raises:
         FitError: if all answers are equal, an effect is unbounded, or one cluster alone determines an effect.
@@ -69,7 +73,7 @@ def fit_ordinal(
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
-    """Returns the covariance (p, p) of the estimates.
+    """Returns the cluster-robust covariance (p, p) of the estimates.
 
     ``scores`` (c, p) and ``information`` (c, p, p): score and expected information of each cluster. The leverage of a
     cluster is Lᵀ I L. I is the information of the cluster, and L Lᵀ is the inverse of the total information.
@@ -93,7 +97,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
-    """Returns the maximum likelihood estimates: thresholds, then coefficients. The method is Fisher scoring."""
+    """Returns the maximum likelihood estimates (thresholds, then coefficients), by Fisher scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)

@@ -27,7 +27,7 @@ MODELS_NOTE = (
 
 
 def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Returns the report section with the models of one group, policy effects first; empty without models."""
+    """Returns the report section about the models of one group: policy effects first. Empty without models."""
     own = [row for row in models if row.simulated is simulated]
     kinds = [kind for kind in EFFECTS if any(row.effect == kind for row in own)]
     head = tag("h3", "Regression models")
@@ -44,7 +44,7 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
 
 
 def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Returns the tables of one kind of effect, one for each family."""
+    """Returns a table for each family of tests of one kind of effect."""
     families = dict.fromkeys(row.family for row in rows)
     return join(
         [_family([row for row in rows if row.family == family], kind, simulated) for family in families]
@@ -58,7 +58,7 @@ def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
 
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Returns a table of effects. Columns for corrected p, plan status and notes are omitted if no row needs them."""
+    """Returns a table of effects. The columns corrected p, plan status and note are omitted if they are empty."""
     corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.plan_status != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (

@@ -25,20 +25,17 @@ from avrgym.study.design.design import Design
 
 TICK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION = "simulation"
-"""Legend label of results in simulation."""
-
-
-# Objective measures
+"""Label of simulation results in the legend."""
 
 
 def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Draw the success rate of each condition in VR and in simulation, with confidence intervals."""
+    """Returns a figure of the success rates of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
 def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Draw the mean reward of each condition in VR and in simulation, with confidence intervals."""
+    """Returns a figure of the mean rewards of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
 

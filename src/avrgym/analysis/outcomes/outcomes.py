@@ -32,9 +32,9 @@ _NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Results of the counted trials in one condition.
+    """Results of the analysed trials in one condition.
 
-    Results for all tasks together have no reward, because rewards of different tasks are not comparable.
+    The rewards of different tasks are not comparable. Results over all tasks therefore have no reward.
     """
 
     simulated: IsSimulated
@@ -104,14 +104,14 @@ class SimulationResult:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveRow(SimulationResult, Outcome):
-    """Results of the counted trials in one condition, and results of the same policy in simulation."""
+    """Results of the analysed trials in one condition, and results of the same policy in simulation."""
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
     """Returns a row for each condition, then a row over all tasks for each robot and policy.
 
-    People and simulated participants have separate rows. Confidence intervals of rewards use Student's t over
-    trials: each participant has one trial in a condition. Intervals of success account for several trials of one
+    People and simulated participants have separate rows. Confidence intervals of rewards use Student's t over trials:
+    each participant has one trial in a condition. Confidence intervals of success account for several trials of one
     participant.
     """
     design = store.design
@@ -137,7 +137,7 @@ def _condition(
 
 
 def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """Returns the results of one condition from counted trials. Task ``ALL`` means all tasks together."""
+    """Returns the results of one condition. ``trials``: analysed trials. Task ``ALL``: all tasks together."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
@@ -160,7 +160,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Returns the success of each trial, in one list for each participant."""
+    """Returns a list for each participant: whether each trial was successful."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -170,7 +170,10 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """Returns the mean and the bounds of its 95 % confidence interval; ``None`` where there are too few values."""
+    """Returns mean, and lower and upper bound of its 95 % confidence interval (Student's t).
+
+    All are ``None`` without values. The bounds are also ``None`` for one value or equal values.
+    """
     if not values:
         return None, None, None
     mean = fmean(values)
@@ -180,7 +183,7 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
     """Returns the results of a policy in simulation, with its training population.
 
-    Training measured these results and stored them in the policy file.
+    They are read from the policy file. Training evaluates the policy and stores the results there.
     """
     try:
         source = store.policy_source(environment, policy)
@@ -199,7 +202,7 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Returns the success rate over all tasks, if all were evaluated. Rewards of different tasks are not comparable."""
+    """Returns the success rate over all tasks if each task was evaluated. The result contains no reward."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was evaluated in simulation")
@@ -250,16 +253,19 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""Objective measures by name, each with the function that returns the value in a trial."""
+"""Functions by name of the objective measure. Each returns the value of the measure in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the family of tests of objective measures, with its quantities; empty for a design with one policy."""
+    """Returns the quantities by test family, for objective measures; empty for a design with one policy."""
     return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 
 def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
-    """Returns Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
+    """Returns Wilcoxon signed-rank tests of objective measures between policies.
+
+    Values are paired within participant × task × robot.
+    """
     if not outcome_tests(design):
         return []
     counted = [row for row in trials if row.counted]

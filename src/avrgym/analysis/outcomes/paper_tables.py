@@ -1,4 +1,4 @@
-"""The paper's tables: mean reward and success by task and robot. The last row contains success over all tasks.
+"""Tables of the paper: mean reward and success rate by task and robot. The last row is the success rate over all tasks.
 
 Table I compares simulation with virtual reality for one policy (in the paper: Original). Table II compares policies in
 virtual reality.
@@ -18,7 +18,7 @@ from avrgym.system.columns import columns_of
 
 @dataclass(frozen=True)
 class Cell:
-    """Mean reward and success rate (0 to 1); ``None`` if unknown."""
+    """A table cell: mean reward and success rate (0 to 1); ``None`` if unknown."""
 
     reward: float | None
     success: float | None
@@ -29,7 +29,10 @@ EMPTY_CELL = Cell(None, None)
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table about people or about simulated participants. ``rows``: a row for each task, then one for all tasks."""
+    """A table of the paper, for people or for simulated participants.
+
+    ``rows``: the cells by task; the last row is over all tasks.
+    """
 
     name: str
     caption: str
@@ -47,15 +50,15 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
 
 
 TABLE_SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
-"""The two halves of Table I by name, each with the function that returns the cell of a condition."""
+"""Functions by name of the half of Table I. Each returns the cell of a condition."""
 TableColumn = tuple[str, str, Callable[[ObjectiveRow], Cell]]
-"""A table column: robot, policy, and the function that returns the cell of a condition."""
+"""A table column: robot, policy, and a function that returns the cell of a condition."""
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Yields Table I for each policy, then Table II; first for people, then for simulated participants.
+    """Yields Table I for each policy, then Table II: first for people, then for simulated participants.
 
-    In Table I, a robot without results in simulation has no simulation column.
+    In Table I, a robot without simulation results has no simulation column.
     """
     for simulated in sorted({row.simulated for row in rows}):
         own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
@@ -85,7 +88,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 def _cells(
     design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[TableColumn]
 ) -> dict[str, tuple[Cell, ...]]:
-    """Returns the cells of each task and of all tasks. Keys of ``rows``: (task, robot, policy)."""
+    """Returns the cells by task, then over all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
         for task in (*design.tasks, ALL)
@@ -93,9 +96,9 @@ def _cells(
 
 
 def csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """Yields the tables for CSV files, with separate columns for reward and success.
+    """Yields the tables in the form for CSV files: with separate columns for reward and success.
 
-    Rows about people are first, then rows about simulated participants.
+    Rows of people are first, then rows of simulated participants.
     """
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]

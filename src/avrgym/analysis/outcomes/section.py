@@ -28,7 +28,7 @@ def outcomes_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Returns the report section: the paper's tables, figures, tables with confidence intervals, and tests."""
+    """Returns the report section: tables of the paper, figures, tables with confidence intervals, and tests."""
     rows = [row for row in outcomes if row.simulated is simulated]
     if not rows:
         return empty_section("Objective measures", "No trial was completed yet.")
@@ -84,7 +84,7 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
 
 
 def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
-    """Returns the table cells with a condition's results in simulation."""
+    """Returns the table cells with the simulation results of a condition."""
     return (
         row.simulation_population or "–",
         row.simulation_episodes or "–",
@@ -99,7 +99,7 @@ def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
 
 
 def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
-    """Returns a list of the notes about simulation. Each note is listed once, with all its conditions."""
+    """Returns a bullet list of notes about simulation results. Each note is listed once, with all its conditions."""
     about: dict[str, list[str]] = {}
     for row in rows:
         if row.simulation_note:
@@ -108,7 +108,7 @@ def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
 
 
 def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
-    """Returns mean and confidence interval as text. Several values without an interval are all equal."""
+    """Returns mean and confidence interval as text. Without an interval, several values are marked as all equal."""
     if mean is None:
         return "–"
     without = " (all equal)" if count > 1 else ""

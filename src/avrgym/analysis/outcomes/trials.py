@@ -10,7 +10,7 @@ from avrgym.analysis.reading.study_data import StudyData
 
 
 def trials_section(observed: StudyData, simulated: bool, study_link: str) -> Markup:
-    """Returns the report section: all planned trials, and details of each trial with a recording."""
+    """Returns the report section: a table of all planned trials, and details of each trial with a recording."""
     rows = [row for row in observed.trials if row.simulated is simulated]
     opened = [_trial(observed, row, study_link) for row in rows if row.recording is not None]
     return tag(
@@ -122,7 +122,7 @@ def _answers(rows: Sequence[AnswerRow]) -> Markup:
 
 
 def _ends(row: AnswerRow) -> str:
-    """Returns the range of the answer's scale as text; empty if the design does not contain the item."""
+    """Returns the range of the answer scale as text; empty if the design does not contain the item."""
     return "" if row.minimum is None else f" ({row.minimum} to {row.maximum})"
 
 

@@ -16,14 +16,11 @@ from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
 from avrgym.analysis.statistics.tests import MANN_WHITNEY
 
 TestTables = dict[str, Markup]
-"""Tables of tests by caption. A report section removes a table from this dictionary when it shows the table."""
-
-
-# Tests
+"""Tables of tests, by caption. A report section that contains a table removes it from this dictionary."""
 
 
 def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
-    """Returns the tables of all tests of one group (people or simulated participants), by caption."""
+    """Returns the tables of all tests of people (or of simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table == caption for row in family.rows]
@@ -33,12 +30,12 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
 
 
 def remaining_tests(tests: TestTables) -> Markup:
-    """Returns a section with the remaining tables, which no other section shows; empty if none remains."""
+    """Returns a report section with all tables that are in no other section; empty if there are none."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Returns a table of the tests by participant, and a folded table of the tests by trial as a supplement."""
+    """Returns a table of the tests by participant, and a folded supplementary table of the tests by trial."""
     by_trial = [row for row in rows if row.unit == TRIAL]
     by_participant = [row for row in rows if row.unit != TRIAL]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
@@ -53,7 +50,7 @@ TESTS_BY_TRIAL = (
 
 
 def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Returns a table of tests, with their plan status if there is a plan."""
+    """Returns a table of tests. With a plan, it has a column for the plan status."""
     planned, corrected = any(row.plan_status for row in rows), any(row.p_primary is not None for row in rows)
     heads = (
         "Quantity", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
@@ -74,14 +71,15 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
 
 
 def p_primary_text(p_primary: float | None) -> str:
-    """Returns corrected p of a primary result as text; a dash for other results (``None``)."""
+    """Returns the corrected p of a primary result as text; a dash for ``None`` (other results)."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
 def n_text(row: ComparisonRow) -> str:
-    """Returns the number of values as text.
+    """Returns the sample size as text.
 
-    Unpaired groups: the size of each. Pairs: the number of values, and of omitted zero differences.
+    Unpaired groups: the size of each group. Pairs: the number of differences, and the number of omitted zero
+    differences.
     """
     if row.n_a != row.n_b or row.test == MANN_WHITNEY:
         return f"{row.n_a} / {row.n_b}"
@@ -89,7 +87,7 @@ def n_text(row: ComparisonRow) -> str:
 
 
 def p_primary_and_stars(row: ComparisonRow) -> str:
-    """Returns corrected p and stars as text for a figure."""
+    """Returns corrected p and significance stars as text for a figure."""
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"

@@ -1,4 +1,4 @@
-"""Figures of a study: as separate files, and inside a page in the colours of the page."""
+"""Figures of a report: as SVG and PDF files, and as SVG elements in the colours of the page."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,19 +21,19 @@ from avrgym.analysis.page.elements import Markup, figure, tag
 TEXT_COLOUR, BACKGROUND_COLOUR, LINE_COLOUR, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
 LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
 TEXT_ON_DARK, TEXT_ON_LIGHT = "#fffffe", "#1c2025"
-"""Text colours on dark and on light bars. They are the same in light and in dark mode."""
+"""Text colours on dark and on light bars. They are equal in light mode and in dark mode."""
 _IN_PAGE = {
     TEXT_COLOUR: "currentColor",
     BACKGROUND_COLOUR: "none",
     LINE_COLOUR: "var(--rule)",
     WARNING: "var(--warning)",
 } | {colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)}
-"""CSS colour inside a page, by the colour in a file that it replaces."""
+"""CSS colours for a page, by the file colour that they replace."""
 WIDTH_IN = 5.0
 CHARACTER_WIDTH_IN = 0.066
-"""Estimated width of a character in tick labels, legends and items; slightly above the mean width."""
+"""Estimated width of a character in tick labels, legends and item texts; slightly above the mean width."""
 GROUP_WIDTH = 0.8
-"""Width of a group of bars, as a share of the distance between group centres."""
+"""Width of a group of bars, divided by the distance between group centres."""
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",
@@ -59,10 +59,10 @@ STYLE: Any = {
 
 
 class Drawing:
-    """A figure with name and caption. Text remains text in SVG files. PDF files contain the fonts."""
+    """A Matplotlib figure with file name and caption. SVG files contain text as text. PDF files contain the fonts."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
-        """Store a finished figure. ``name``: the file name without suffix. ``caption``: a description for readers."""
+        """Store a finished figure. ``name``: file name without suffix. ``caption``: description of the figure."""
         self.name, self.caption, self.figure = name, caption, figure
         self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
@@ -71,7 +71,7 @@ class Drawing:
         return self._svg
 
     def pdf(self) -> bytes:
-        """Returns the contents of the PDF file. It contains no date: equal figures result in equal bytes."""
+        """Returns the contents of the PDF file. They contain no date; the bytes of equal figures are equal."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
@@ -80,7 +80,7 @@ class Drawing:
         (folder / f"{self.name}.pdf").write_bytes(self.pdf())
 
     def inline(self) -> Markup:
-        """Returns an SVG element for a page, with unique ids, the page's colours, and a caption for screen readers."""
+        """Returns an SVG element for a page, with unique ids, page colours, and a caption for screen readers."""
         svg = self._svg.decode()
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
         for colour, shown in _IN_PAGE.items():
@@ -95,7 +95,10 @@ class Drawing:
 
 
 def add_legend(figure: Figure, columns: int) -> None:
-    """Add a legend below the figure; each label appears once. Without labels, no legend is added."""
+    """Add a legend below the figure, with each label once. A figure without labels gets no legend.
+
+    ``columns``: maximum number of legend columns.
+    """
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -108,15 +111,16 @@ def add_legend(figure: Figure, columns: int) -> None:
 
 
 def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
-    """Label the positions 0, 1, … of the x axis. Labels are vertical if together they are wider than ``width_in``."""
+    """Label the positions 0, 1, … of the x axis. Labels are vertical if their total width exceeds ``width_in``."""
     longest = CHARACTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
 def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note: str = "") -> Drawing:
-    """Returns the figure as a drawing. A figure of simulated participants is marked in picture, name and caption.
+    """Returns the figure with its file name and caption.
 
-    ``note``: another mark, in picture and caption.
+    A figure of simulated participants is marked in the figure, in the file name and in the caption. ``note``: another
+    mark, in the figure and in the caption.
     """
     marks = [*(["SIMULATED PARTICIPANTS"] if simulated else []), *([note] if note else [])]
     if marks:
@@ -127,12 +131,11 @@ def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note
 
 
 Drawings = Mapping[str, Drawing]
-
-
-# Parts
+"""Figures by kind, such as "success"."""
 
 
 def inline_figures(drawings: Drawings, *kinds: str) -> Markup:
+    """Returns the figures of these kinds as HTML elements with captions. Missing kinds are omitted."""
     present = [drawings[kind] for kind in kinds if kind in drawings]
     shown = [figure(tag("div", each.inline(), class_="scroll", tabindex=0), each.caption) for each in present]
     return tag("div", *shown, class_="figures")

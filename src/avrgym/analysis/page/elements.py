@@ -1,4 +1,4 @@
-"""HTML elements of reports. A report page has no external resources and fits narrow and wide screens."""
+"""HTML elements of report pages. A page has no external resources; its layout adapts to the screen width."""
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -54,11 +54,11 @@ figure svg { display: block; width: 100%; height: auto; }
 
 
 class Markup(str):
-    """HTML source. ``tag`` does not escape it; all other values are escaped."""
+    """HTML source code. ``tag`` escapes all other texts, but not this type."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
-    """Returns an HTML element. ``class_`` sets the attribute class; ``aria_label`` sets aria-label."""
+    """Returns an HTML element. For attributes, use ``class_`` for class and ``aria_label`` for aria-label."""
     content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
     settings = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
@@ -67,12 +67,12 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join(parts: Sequence[Markup]) -> Markup:
-    """Returns the concatenated elements."""
+    """Returns the concatenation of HTML elements."""
     return Markup("".join(parts))
 
 
 def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
-    """Write an HTML page, and create its folder if needed. Returns ``path``."""
+    """Write an HTML page. Creates the folder of the page if it does not exist. Returns ``path``."""
     head = tag("title", title) + tag("style", Markup(CSS))
     body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
     page = (
@@ -86,7 +86,7 @@ def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[
 
 
 def warning_box(strong: str, text: str) -> Markup:
-    """Returns a warning paragraph, which begins with the bold text ``strong``."""
+    """Returns a paragraph with a warning. It starts with the bold text ``strong``."""
     return tag("p", tag("strong", f"{strong} "), text, class_="notice", role="note")
 
 
@@ -96,7 +96,7 @@ def badge(text: str) -> Markup:
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """Returns a list of names with their values."""
+    """Returns an HTML definition list: names and their values."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
@@ -106,14 +106,14 @@ def bullet_list(items: Sequence[Any]) -> Markup:
 
 
 def figure(picture: Markup, caption: str) -> Markup:
-    """Returns a picture with its caption."""
+    """Returns an HTML figure: a picture with its caption."""
     return tag("figure", picture, tag("figcaption", caption))
 
 
 def table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> Markup:
-    """Returns a table that scrolls on narrow screens. ``numbers``: indices of the right-aligned columns."""
+    """Returns an HTML table. It scrolls on narrow screens. ``numbers``: indices of the right-aligned columns."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
     head = [
         tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
@@ -138,17 +138,17 @@ def number_text(value: float | None, unit: str = "", digits: int = 2, absent: st
 
 
 def time_text(at: str | None) -> str:
-    """Returns a time stamp (ISO 8601) as text with date, hour and minute."""
+    """Returns a timestamp (ISO 8601) as text with date, hour and minute; "unknown" for ``None``."""
     return "unknown" if at is None else datetime.fromisoformat(at).strftime("%Y-%m-%d %H:%M")
 
 
 def count_text(number: int, noun: str) -> str:
-    """Returns a number with its noun, such as "2 trials"."""
+    """Returns a number and a noun in singular or plural, such as "2 trials"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """Returns a rate (0 to 1) as a percentage, with its confidence interval if there is one."""
+    """Returns a rate (0 to 1) as a percentage, with its confidence interval if there is one; a dash for ``None``."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -169,13 +169,15 @@ def p_text(p: float | None) -> str:
 
 
 def details(summary: str, *content: Markup) -> Markup:
+    """Returns an HTML details element: the content is hidden until the summary is clicked."""
     return tag("details", tag("summary", summary), *content)
 
 
 def empty_section(title: str, text: str) -> Markup:
+    """Returns a report section with a heading and a text instead of results."""
     return tag("section", tag("h3", title), tag("p", text))
 
 
 def group_caption(caption: str, simulated: bool) -> str:
-    """Returns the caption. The caption of simulated participants is marked."""
+    """Returns the caption. It contains "(simulated participants)" if ``simulated``."""
     return f"{caption} (simulated participants)" if simulated else caption

@@ -1,6 +1,6 @@
-"""Line charts of a trial, as small SVG elements in the colours of the page.
+"""Line charts of trials as small SVG elements in the colours of the page.
 
-A report has up to three charts for each trial. This module draws a chart in 0.4 ms; matplotlib needs 60 ms.
+A report has up to three charts for each trial. This module draws a chart in 0.4 ms; Matplotlib needs 60 ms.
 """
 
 import math
@@ -19,9 +19,9 @@ LEGEND_LINE_HEIGHT = 16
 
 
 def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]) -> Markup:
-    """Returns charts of distance, contact force and accumulated reward terms over the time of a trial.
+    """Returns line charts over time: distance, contact force and accumulated reward terms of a trial.
 
-    Reward terms are multiplied by their weights; a term without a weight has weight 1. Terms that are always zero are
+    Reward terms are multiplied by their weights. A term without a weight has weight 1. Terms that are always zero are
     omitted.
     """
     terms = {
@@ -41,7 +41,7 @@ def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Ma
 def line_chart(
     caption: str, unit: str, times_s: Sequence[float], lines: Mapping[str, Sequence[float]]
 ) -> Markup:
-    """Returns a chart of values over time with a line for each name. Several lines have a legend.
+    """Returns a line chart of values over time, with a line for each name. A chart of several lines has a legend.
 
     Values that are not finite are omitted.
     """
@@ -74,14 +74,17 @@ def _finite(times_s: Sequence[float], values: Sequence[float]) -> list[tuple[flo
 
 
 def _without_plateaus(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Returns the points without those that have the same value as both neighbours."""
+    """Returns the points. A point is omitted if its value equals the values of both neighbours."""
     inner = zip(points, points[1:], points[2:], strict=False)
     kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
     return [*points[:1], *kept, *points[1:][-1:]]
 
 
 def _axis(low: float, high: float) -> tuple[float, float, float]:
-    """Returns lower limit, upper limit and tick distance (round numbers, about four ticks) for ``low`` to ``high``."""
+    """Returns lower limit, upper limit and tick distance of an axis from ``low`` to ``high``.
+
+    They are round numbers with about four ticks.
+    """
     span = max(high - low, 1e-3)
     power = 10.0 ** math.floor(math.log10(span / 4.0))
     step = next(step for step in (power, 2 * power, 5 * power, 10 * power) if span / step <= 5.0)

@@ -1,4 +1,7 @@
-"""Statistical power of a study's tests, estimated from simulated studies. They are analysed like real studies."""
+"""Statistical power of the tests of a study, estimated from simulated studies.
+
+The simulated studies are analysed with the same tests as real studies.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,21 +35,22 @@ from avrgym.system.jobs import report, run_all
 ALPHA = 0.05
 TARGET_POWERS = (0.8, 0.9)
 STUDIES_PER_JOB = 100
-"""Number of simulated studies in one job. A process runs one job at a time."""
+"""Number of simulated studies in one job of a parallel process."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 PValueOrNone = float | None
 PValues = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
-"""For each (test, measure): p, and p after correction over all primary results; ``None`` without a test."""
+"""(p, p after correction over all primary results), by (test, measure). ``None``: no test was possible."""
 
 
 @dataclass(frozen=True)
 class PowerRow:
-    """Power of one test of ``measure``. ``effect``: simulated effect size in points of a seven-point scale.
+    """Statistical power of one test of ``measure``.
 
-    ``participants``: number of participants who completed each study. ``power``: share of studies with p below 0.05.
-    ``corrected_power``: share with p below 0.05 after correction over all primary results. Intervals: Wilson's, 95 %.
-    p of models is not corrected: they are sensitivity analyses.
+    ``effect``: simulated effect size in points of a seven-point scale. ``participants``: number of participants who
+    complete each study. ``simulations``: number of simulated studies. ``power``: share of studies with p below 0.05.
+    ``corrected_power``: share of studies with p below 0.05 after correction over all primary results. The bounds are
+    Wilson's 95 % confidence intervals. p of models is not corrected, because models are sensitivity analyses.
     """
 
     effect: float
@@ -63,7 +67,7 @@ class PowerRow:
 
 
 def default_participant_numbers(design: Design) -> tuple[int, ...]:
-    """Returns default numbers of participants: multiples of the number of trial orders, and the planned number."""
+    """Returns the default sample sizes: multiples of the number of trial orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
@@ -79,9 +83,9 @@ def simulate_power(
     jobs: int,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> list[PowerRow]:
-    """Estimate the power of the primary tests, and of the model of the first item.
+    """Returns the estimated power of the primary tests, and of the model of the first item.
 
-    Returns a row for each effect, number of participants and test. In addition, studies without an effect are simulated
+    There is a row for each effect size, number of participants and test. Studies without an effect are also simulated,
     with the planned number of participants.
 
     Args:
@@ -92,7 +96,7 @@ def simulate_power(
         simulations: number of simulated studies for each effect and size.
         seed: the random seed. Results with the same seed are the same for any number of jobs.
         jobs: number of parallel processes.
-        progress: called repeatedly with the number of finished studies and their total number.
+        progress: called with the number of finished studies and the total number of studies.
 
     Raises:
         ValueError: if the design has no items after trials, or an effect is out of range.
@@ -100,7 +104,7 @@ def simulate_power(
     for effect in effects:
         if not 0 < effect < SCALE_POINTS:
             raise ValueError(
-                f"an effect is {effect:g} points; allowed: more than 0, less than {SCALE_POINTS}"
+                f"effect size is {effect:g} points; allowed: more than 0, less than {SCALE_POINTS}"
             )
     SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
@@ -119,13 +123,13 @@ def simulate_power(
 
 
 SignificantCounts = Mapping[tuple[str, str], tuple[int, int]]
-"""For each (test, measure): number of studies with p below 0.05, and number with corrected p below 0.05."""
+"""(number of studies with p below 0.05, number with corrected p below 0.05), by (test, measure)."""
 
 
 def power_rows(
     counts: Sequence[SignificantCounts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
-    """Returns the rows of one effect and number of participants. ``counts``: the counts from each job."""
+    """Returns the power of each test for one effect and one number of participants. ``counts``: one for each job."""
     rows: list[PowerRow] = []
     for test, measure in counts[0]:
         plain, corrected = np.sum([each[test, measure] for each in counts], axis=0).tolist()
@@ -150,7 +154,7 @@ def _count_and_report(
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> SignificantCounts:
-    """Returns the number of studies in which each test is significant. ``numbers``: the studies to simulate."""
+    """Returns the number of studies with a significant result, by test. ``numbers``: numbers of the studies."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
@@ -174,10 +178,11 @@ def _is_significant(p: PValueOrNone) -> bool:
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> PValues:
-    """Returns p and corrected p of each reported test, computed as in the analysis.
+    """Returns p and corrected p of each reported test, with the methods of the analysis.
 
-    Answers to the first item with the last policy are compared with the midpoint. Answers to each item are compared
-    between last and first policy. ``objective`` (participants, policies, measures) only affects the correction.
+    The reported tests compare answers to the first item with the last policy against the midpoint. They also compare
+    the answers to each item between the last and the first policy. ``objective`` (participants, policies, measures)
+    only affects the correction.
     """
     exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, MEAN_DECIMALS)
@@ -195,7 +200,7 @@ def p_values(
 
 
 TestDifferences = tuple[tuple[str, str] | None, FloatArray]
-"""(test, measure), and the difference of each participant. ``None``: the power of this test is not reported."""
+"""(test, measure), and the difference of each participant. ``None``: test without reported power."""
 
 
 def _primary(
@@ -204,7 +209,7 @@ def _primary(
     means: FloatArray,
     objective: FloatArray,
 ) -> Iterator[TestDifferences]:
-    """Yields the primary tests of a simulated study. ``means``: (participants, policies, items)."""
+    """Yields the primary tests of a simulated study. ``means``: mean answers (participants, policies, items)."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
@@ -224,10 +229,9 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float
 ) -> int | None:
-    """Returns the smallest simulated sample size with enough power.
+    """Returns the smallest sufficient sample size; ``None`` if no simulated sample size is sufficient.
 
-    At this and all larger simulated sample sizes, corrected power is at least ``target_power``. ``None`` if no
-    simulated sample size is large enough.
+    For this and all larger simulated sample sizes, the corrected power is at least ``target_power``.
     """
     own = sorted(
         (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),
@@ -245,7 +249,7 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
     """Fit the model of the first item after trials, and test the last policy against the first policy.
 
     Returns:
-        The name of the test family, and p. p is ``None`` if the answers do not identify the model.
+        The name of the test family, and p. p is ``None`` if the model cannot be estimated from the answers.
     """
     source = next(model_groups(design))
     model = next(iter(source.models.values()))
@@ -258,7 +262,10 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
 
 
 def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
-    """Returns the values (participants, tasks, robots, policies) as trials, in the trial order of each participant."""
+    """Returns a ``TrialValue`` for each trial, in the trial order of each participant.
+
+    ``values``: (participants, tasks, robots, policies).
+    """
     return [
         observed
         for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)

@@ -16,19 +16,19 @@ from avrgym.system import random_streams
 Answers = NDArray[np.int_]
 """Answers of participants who completed the study: (participants, tasks, robots, policies, items)."""
 SCALE_POINTS = 7
-"""Effects and standard deviations are in points of a seven-point scale. For other scales, they are rescaled."""
+"""Reference scale: effects and standard deviations are in points of a seven-point scale. Other scales are rescaled."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
     """Assumed variation of answers, as standard deviations in points of a seven-point scale.
 
-    ``participant_sd``: leniency of participants. ``policy_sd``: individual preferences for policies. ``task_sd``:
-    differences between tasks that are the same for all participants. ``noise_sd``: residual. ``drift``: increase of
-    mean ratings from the first to the last trial of a session, in points. ``dropout``: share of participants who
-    withdraw and are replaced.
+    ``participant_sd``: leniency of participants. ``policy_sd``: preference of a participant for a policy. ``task_sd``:
+    differences between tasks, equal for all participants. ``noise_sd``: residual. ``drift``: increase of the mean
+    rating from the first to the last trial of a session, in points. ``dropout``: share of participants who withdraw
+    and are replaced.
 
-    These values are not measured. Together, they result in a standard deviation of answers of about 1.5 points.
+    The default values are not measured. They result in a standard deviation of answers of about 1.5 points.
     """
 
     participant_sd: float = 0.8
@@ -39,7 +39,7 @@ class Assumptions:
     dropout: float = 0.1
 
     def __post_init__(self) -> None:
-        """Raise ``ValueError`` for values out of range."""
+        """Raises ``ValueError`` if a value is out of range."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not np.isfinite(value) or (value < 0 and field.name != "drift"):
@@ -49,21 +49,24 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """Returns the midpoint of an item's scale. In these simulations, every scale starts at 1."""
+    """Returns the midpoint of the scale of an item. In these simulations, each scale starts at 1."""
     return (1 + item.points) / 2
 
 
 class SimulatedStudies:
-    """Simulated studies of one design. Study ``number`` has the same random values for every effect.
+    """Simulated studies of one design. ``number`` is the index of a study.
 
-    A study with more participants contains the participants of a smaller study with the same ``number``.
+    Study ``number`` has the same random values for each effect size. A larger study contains the participants of a
+    smaller study with the same ``number``.
     """
 
     def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
         """Store the parameters. Raises ``ValueError`` if the design has no questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
-            raise ValueError("the design has no questionnaire after trials: there is nothing to simulate")
+            raise ValueError(
+                "the design has no questionnaire after trials; add one to study.toml to simulate its answers"
+            )
         self.design, self.questionnaire = design, asked[0]
         self._assumptions, self._seed = assumptions, seed
         self._shape = (len(design.tasks), len(design.robots), len(design.policies), len(asked[0].items))
@@ -74,8 +77,8 @@ class SimulatedStudies:
     def answers(self, effect: float, participants: int, number: int) -> Answers:
         """Returns the answers of the participants who complete study ``number``.
 
-        Without random variation and drift, the last policy is rated ``effect`` points above the midpoint, and all other
-        policies at the midpoint.
+        Without random variation and drift, the ratings of the last policy are ``effect`` points above the midpoint. The
+        ratings of all other policies are at the midpoint.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
         rng = random_streams.simulated_study_generator(self._seed, number, 0)
@@ -104,12 +107,12 @@ class SimulatedStudies:
         return [orders[cell] for cell in cells[stays]]
 
     def objective(self, participants: int, number: int) -> FloatArray:
-        """Returns random success, reward and force (participants, policies, 3). Policies have no effect on them."""
+        """Returns random success, reward and force (participants, policies, 3). They do not depend on the policy."""
         rng = random_streams.simulated_study_generator(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
-        """Simulate enrolment and dropout until ``participants`` people complete the study.
+        """Simulate enrolment and dropout until ``participants`` participants have completed the study.
 
         Orders are assigned as in a real study: the order of a withdrawn participant is assigned again.
 

@@ -1,4 +1,4 @@
-"""Results of a power simulation as JSON, as a table for the terminal, and as sentences."""
+"""Summary of a power simulation: as JSON, as a table for the terminal, and as text."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from avrgym.study.design.design import Design
 def power_summary(
     design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
-    """Returns assumptions, power, required numbers of participants and descriptions, for JSON."""
+    """Returns assumptions, power, required numbers of participants and text, for a JSON file."""
     return {
         "title": design.title,
         "seed": seed,
@@ -28,7 +28,7 @@ def power_summary(
 def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
     """Returns the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
 
-    Both are ``None`` if no simulated number is enough.
+    Both are ``None`` if no simulated number is sufficient.
     """
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
@@ -43,7 +43,10 @@ def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> lis
 
 
 def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
-    """Returns a row for each effect, test and measure: corrected power by number of participants, required numbers."""
+    """Returns a row for each effect, test and measure.
+
+    It contains the corrected power by number of participants, and the required numbers of participants.
+    """
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
         {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
@@ -78,9 +81,9 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, ta
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
-    """Yields sentences about the power of tests of the first item. The simulation treats all items in the same way.
+    """Yields sentences about the power of the tests of the first item. The simulation treats all items equally.
 
-    ``participants`` must be one of the simulated numbers.
+    ``participants``: one of the simulated numbers of participants.
     """
     own = [row for row in rows if row.participants == participants and row.measure == rows[0].measure]
     taken_in = ceil(participants / (1.0 - assumptions.dropout))
@@ -101,7 +104,7 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
 def min_p_value(participants: int) -> float:
     """Returns the smallest possible p of a Wilcoxon signed-rank test with one value per participant.
 
-    A correction for multiple testing cannot result in a smaller p.
+    p after correction for multiple testing is not smaller.
     """
     return min(2.0 / 2.0**participants, 1.0)
 

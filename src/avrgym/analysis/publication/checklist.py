@@ -18,7 +18,10 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 
 @dataclass(frozen=True)
 class ChecklistField:
-    """A recommended field, its value (empty if missing), and the file or command that sets it (``source``)."""
+    """A recommended field of a publication.
+
+    ``value``: empty if missing. ``source``: file or command that sets the value.
+    """
 
     field: str
     value: str
@@ -26,7 +29,7 @@ class ChecklistField:
 
 
 def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    """Returns all fields, in the order of a publication."""
+    """Returns all checklist fields for one group, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
 

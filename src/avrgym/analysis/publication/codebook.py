@@ -1,4 +1,4 @@
-"""The codebook of the analysis tables, as rows for CSV, as JSON Schema and as Frictionless data package."""
+"""Codebook of the analysis tables: as rows for CSV, as JSON Schema, and as Frictionless data package."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ PROFILE = "tabular-data-package"
 
 
 def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
-    """Yields a row for every column of the tables, in the format of the codebook of exports."""
+    """Yields a row for each column of each table. The format is that of the codebook of study exports."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}

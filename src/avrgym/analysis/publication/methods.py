@@ -1,4 +1,4 @@
-"""Generate the methods section of a publication from a study."""
+"""Generate the text of the methods section of a publication."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,7 +45,7 @@ Sections = Mapping[str, list[str]]
 
 
 def placeholder(what: str) -> str:
-    """Returns a placeholder for text that an author must write."""
+    """Returns a placeholder for a text that the author must write. ``what``: the topic of the text."""
     return f"[MISSING: {what}]"
 
 
@@ -73,13 +73,13 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """Returns the session designs of the analysed participants in the group of ``flow``."""
+    """Returns the session designs of the analysed participants in one group: people or simulated participants."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
 
 def markdown(title: str, sections: Sections) -> str:
-    """Returns the sections as Markdown."""
+    """Returns the methods section as Markdown text."""
     lines = [f"# {title}: methods"]
     for heading, paragraphs in sections.items():
         lines += ([f"## {heading}"] if heading else []) + paragraphs
@@ -122,7 +122,7 @@ def _who(flow: ParticipantFlow) -> str:
 
 
 def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
-    """Yields a sentence about each step of the flow chart, with the numbers of participants who left after it."""
+    """Yields a sentence about each step of the flow chart, with the numbers of dropouts after this step."""
     came = (
         f"{count_text(flow.enrolled, _who(flow))} enrolled",
         f"{flow.allocated} received an order of trials",
@@ -211,7 +211,7 @@ def _withdrawal(design: Design) -> str:
 
 
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    """Yields a sentence about the plug-ins in the recordings; nothing without plug-ins."""
+    """Yields a sentence about the plug-ins in the recordings; yields nothing without plug-ins."""
     used = Counter(
         f"{each.label}: {each.recorded}"
         for each in analysis.observed.plugins
@@ -329,7 +329,10 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
 
 
 def _other_corrections(analysis: Analysis) -> str:
-    """Returns the correction of models and unpaired tests as text; empty without a plan that can make them primary."""
+    """Returns a text about the correction of models and unpaired tests; empty without a confirmatory plan.
+
+    Only with a plan, models and unpaired tests can be primary results.
+    """
     if analysis.plan is None or analysis.plan.confirmed is None:
         return ""
     return (
@@ -351,5 +354,8 @@ def _deviations(analysis: Analysis) -> list[str]:
 
 
 def main_flow(analysis: Analysis) -> ParticipantFlow | None:
-    """Returns the flow of people; without people, of simulated participants. ``None`` without participants."""
+    """Returns the participant flow of people; without people, that of simulated participants.
+
+    Returns ``None`` without participants.
+    """
     return next(iter(analysis.flows), None)

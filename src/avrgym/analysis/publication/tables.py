@@ -25,7 +25,7 @@ class PublicationTable:
 
 
 def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
-    """Yields all tables that have rows. Captions of simulated participants are marked."""
+    """Yields the tables of one group that have rows. Captions of simulated participants are marked."""
     for table in (
         _participants_table,
         _functioning_table,
@@ -62,7 +62,7 @@ def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable
 def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
     """Returns the table of functioning, for people only.
 
-    Counts below five are suppressed, and other counts from which a suppressed count could be computed.
+    Counts below five are suppressed. Counts that would allow to compute a suppressed count are suppressed, too.
     """
     rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
     caption = (
@@ -109,7 +109,7 @@ def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
 
 
 def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    """Returns the table of the tests by participant that are not primary results."""
+    """Returns the table of all tests by participant that are not primary results."""
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),

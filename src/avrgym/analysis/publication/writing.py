@@ -28,7 +28,7 @@ FILES_TEXT = (
 
 
 def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
-    """Write the publication files into the new ``folder``, and ``datapackage.json`` into ``tables``."""
+    """Write the publication files into the new ``folder``. Write ``datapackage.json`` into the folder ``tables``."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)

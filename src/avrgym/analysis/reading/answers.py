@@ -1,4 +1,4 @@
-"""Read a participant's answers, select the counted answers, and compute scores."""
+"""Read the answers of a participant, select the analysed answers, and compute scores."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -17,7 +17,7 @@ SCORE_COLUMNS = {column.name for column in fields(ScoreRow)}
 
 
 class ParticipantAnswers:
-    """The answers of one participant. ``counted_positions``: the positions of the participant's counted trials."""
+    """The answers of one participant. ``counted_positions``: positions of the analysed trials of the participant."""
 
     def __init__(
         self,
@@ -35,20 +35,20 @@ class ParticipantAnswers:
         self._counted = of_trials | self._compared
 
     def rows(self) -> Iterator[AnswerRow]:
-        """Yields all answers of the participant in order of time."""
+        """Yields a row for each answer of the participant, in order of time."""
         for answer in self._answers:
             columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
             yield AnswerRow(counted=answer.stored.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
-        """Yields all scores of the participant. A score counts if all its answers count."""
+        """Yields a row for each score of the participant. A score is analysed if all its answers are analysed."""
         for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
             counted = all(answer.stored.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)
 
     def problems(self) -> Iterator[ProblemRow]:
-        """Yields a problem for each moment (before or after sessions) at which items were answered more than once."""
+        """Yields a problem for each moment (before or after sessions) with several answers to the same item."""
         if self._participant.state not in PARTICIPATING:
             return
         for moment in SESSION_MOMENTS:
@@ -74,9 +74,9 @@ def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
 
 
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
-    """Returns the ids of the counted answers about sessions.
+    """Returns the ids of the analysed answers about sessions.
 
-    For each item, the latest answer after a session counts, and the latest answer before that session.
+    For each item, these are the latest answer after a session, and the latest answer before that session.
     """
     before, after = SESSION_MOMENTS
     ids: set[int] = set()

@@ -1,4 +1,4 @@
-"""Commands to the robot in each trial: number, waiting time, and agreement with what the robot did."""
+"""Commands to the robot in each trial: number, waiting time, and agreement with the robot's motion."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,18 +11,19 @@ from avrgym.recording.schema import Pacing, RobotCommand
 from avrgym.system.columns import Column
 
 AGREEMENT_STEPS = 15
-"""The robot's reaction is measured for this number of control steps after a command."""
+"""Number of control steps after a command in which the reaction of the robot is measured."""
 MIN_MOTION_M = 0.01
-"""A smaller change of the distance counts as none."""
+"""Minimum change of the distance between tool and target. A smaller change is ignored."""
 MIN_APPROACH_DISTANCE_M = 0.05
-"""A robot that is nearer than this cannot come much nearer."""
+"""Distance below which the tool is considered near the target: it cannot approach much further."""
 _AVERAGE = "no command was given"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandRow(ParticipantColumns):
-    """Commands in one completed trial. Only trials with commands or with the participant's preferences for the robot
-    have a row.
+    """Commands to the robot in one completed trial.
+
+    Trials without commands and without the participant's preferences have no row.
     """
 
     position: Position
@@ -53,7 +54,7 @@ class CommandRow(ParticipantColumns):
 
 
 def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
-    """Returns the row of a trial; ``None`` if it had no commands and no preferences."""
+    """Returns the row of a trial; ``None`` if the trial had no commands and no preferences."""
     pacing: list[Pacing] = [record for _, record in recording.topics["/pacing"]]
     if recording.configuration.rules is None or not pacing:
         return None
@@ -86,10 +87,10 @@ def _counts(names: list[str]) -> str:
 
 
 def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
-    """Whether the robot did what a command means.
+    """Returns whether the robot's motion agrees with a command.
 
-    Approach: the tool comes nearer, or is near. Waiting: the tool does not come nearer. Pace: the speed factor changes,
-    or is at its limit.
+    Approach commands: the tool approaches, or is near. Waiting commands: the tool does not approach. Speed commands:
+    the speed factor changes, or is at its limit.
     """
     after = pacing[command.step : command.step + AGREEMENT_STEPS]
     if not after:

@@ -1,6 +1,7 @@
-"""Table rows that are read from a study: participants, trials, attempts, answers, scores, and others.
+"""Table rows with the data of a study: participants, trials, attempts, answers, scores, and others.
 
-Column names contain the unit. Positions of the head are in the world frame: z points up, the person looks along −y.
+Column names contain the unit. Head positions are in the world frame: z points up, the person looks along −y. The column
+``counted`` is true for the trials, answers and scores in the analysis ("analysed" in this package).
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
 ALL = "all"
-"""Label of a row about all tasks together, or about all robots together."""
+"""Label in the column task or robot: all tasks together, or all robots together."""
 NOT_COMPLETED = "the trial is not completed"
 NO_RECORDING = "no complete recording contains it"
 _PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TABLES["attempts"]
@@ -77,7 +78,7 @@ class ParticipantColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantRow(ParticipantColumns):
-    """A participant. Participants who withdrew have rows too."""
+    """A participant. There are also rows for withdrawn participants."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
     state: State
@@ -104,7 +105,7 @@ class ParticipantRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(ParticipantColumns):
-    """A planned trial. The outcome is that of the completed attempt. Trials that did not run have rows too."""
+    """A planned trial, with the outcome of its completed attempt. There are also rows for trials that were not run."""
 
     participant_state: State
     sex: Sex
@@ -179,7 +180,7 @@ class TrialRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptRow(ParticipantColumns):
-    """An attempt at a trial, with its outcome from the database."""
+    """An attempt to run a trial, with its outcome from the database."""
 
     session: Session
     position: Position
@@ -218,8 +219,8 @@ class _AnswerColumns(ParticipantColumns):
 class AnswerRow(_AnswerColumns):
     """An answer to one item.
 
-    An answer after a trial counts if the trial counts. Two answers about sessions count for each participant and item:
-    the latest answer after a session, and the latest answer before that session.
+    An answer after a trial is analysed if the trial is analysed. Two answers about sessions are analysed for each
+    participant and item: the latest answer after a session, and the latest answer before that session.
     """
 
     item: Annotated[str, _ANSWERS["item"]]
@@ -234,7 +235,7 @@ class AnswerRow(_AnswerColumns):
 class ScoreRow(_AnswerColumns):
     """The score of one scale of a validated questionnaire, from the answers of one participant at one moment.
 
-    A score counts if all its answers count.
+    A score is analysed if all its answers are analysed.
     """
 
     instrument: Annotated[str, _SCORES["instrument"]]

@@ -46,12 +46,16 @@ RESULTS_FROM_DATABASE = "reward and success come from the database"
 NO_BIOMECHANICS = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics"
 NO_SERIES = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics and has no time series"
 TrialKey = tuple[str, int]
-"""A trial: pseudonym of the participant, and position of the trial."""
+"""Key of a trial: (pseudonym of the participant, position of the trial)."""
 
 
 @dataclass(frozen=True)
 class StudyData:
-    """The data of a study. Rows are sorted by participant and trial."""
+    """The data of a study. Rows are sorted by participant and trial.
+
+    ``series``, ``latencies``: time series and latency measurements of each recorded trial. ``plugins``: plug-ins in the
+    recordings.
+    """
 
     participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
     trials: list[TrialRow] = field(default_factory=list[TrialRow])
@@ -68,11 +72,11 @@ class StudyData:
 
     @property
     def analysed(self) -> set[str]:
-        """The pseudonyms of all participants with a counted trial or a counted answer."""
+        """Pseudonyms of all participants with an analysed trial or an analysed answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
     def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
-        """Returns the analysed people, or the analysed simulated participants if ``simulated``."""
+        """Returns the rows of the analysed people, or of the analysed simulated participants if ``simulated``."""
         analysed = self.analysed
         return [
             row for row in self.participants if row.simulated is simulated and row.participant in analysed
@@ -86,16 +90,17 @@ def read_study(
     skip_damaged: bool = False,
     answered_items: AnsweredItems | None = None,
 ) -> StudyData:
-    """Returns the data of a study. ``problems`` lists unusable recordings.
+    """Returns the data of a study. The rows ``problems`` contain the unusable recordings.
 
     Args:
         store: the study.
-        progress: called after each recording with the number of recordings read and their total number.
-        skip_damaged: ignore recordings whose files changed after the trial.
-        answered_items: the items that participants answered. By default, they are read from ``store``.
+        progress: called after each recording with the number of read recordings and the total number.
+        skip_damaged: ignore recording files that were changed after the trial.
+        answered_items: the answered items of the study. By default, they are read from ``store``.
 
     Raises:
-        StudyError: if recordings changed after their trials, unless ``skip_damaged``. The message contains their names.
+        StudyError: if recording files were changed after their trials, unless ``skip_damaged``. The message contains
+            the file names.
     """
     answered_items = answered_items or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
@@ -149,7 +154,7 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
 
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
     faults = "; ".join(f"{each.attempt.recording} {CHECKSUM_DIFFERS}" for each in changed)
-    return f"nothing was analysed: {faults}; --skip-damaged ignores damaged recordings"
+    return f"analysis not started: {faults}; to ignore damaged recordings, use --skip-damaged"
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
@@ -178,9 +183,10 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 
 
 def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool) -> TrialRow:
-    """Returns the trial's row with metrics from its recording. Adds series, reward terms and problems to ``found``.
+    """Returns the row of a trial with metrics from its recording.
 
-    ``changed``: the file changed after the trial; the recording is then not used.
+    Adds time series, reward terms and problems to ``found``. ``changed``: the file was changed after the trial; its
+    recording is then not used.
     """
     row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
 
@@ -223,7 +229,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
-    """Returns the error message without the path of the recording. Results must not depend on the study's path."""
+    """Returns the error message without the path of the recording. Results must not depend on the path of the study."""
     return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
 
 
@@ -281,7 +287,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 
 def guard_interventions(recording: Recording) -> int | None:
-    """Returns the number of interventions of the force guard; ``None`` if the guard was off."""
+    """Returns the number of force guard interventions in a recording; ``None`` if the guard was off."""
     if not recording.configuration.force_guard:
         return None
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
@@ -355,5 +361,5 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
 
 
 def _sum_in_order(values: Iterable[float]) -> float:
-    """Returns the sum, computed in order as during sessions. Since Python 3.12, ``sum`` rounds differently."""
+    """Returns the sum, added in order (as in the session). Since Python 3.12, ``sum`` rounds differently."""
     return reduce(add, values, 0.0)

@@ -1,4 +1,4 @@
-"""Read the time series of a trial from its recording: control steps and body posture."""
+"""Read time series of a trial from its recording: control steps and body posture."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ WAIST_JOINTS = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 @dataclass(frozen=True, eq=False)
 class BodySeries:
-    """Torso height; at each control step, head centre (n, 3) in the world frame and waist angles (n, 3)."""
+    """Body posture at each control step: head centre (n, 3) in metres in the world frame, and waist angles (n, 3)."""
 
     torso_height_m: float
     head_centre_w: FloatArray
@@ -28,7 +28,7 @@ class BodySeries:
 
 @dataclass(frozen=True, eq=False)
 class TrialSeries:
-    """Times and control steps of a recording, reward weights, and body posture (``None`` if it is missing)."""
+    """Times (n,) and control steps (n,) of a trial, reward weights, and body posture (``None`` if missing)."""
 
     times_s: Sequence[float]
     steps: Sequence[Control]
@@ -37,7 +37,7 @@ class TrialSeries:
 
 
 def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
-    """Returns the time series in a recording. A missing series is empty; a missing body is ``None``."""
+    """Returns the time series in a recording. Missing series are empty; a missing body posture is ``None``."""
     control = recording.topics["/control"]
     return TrialSeries(
         [time_ns / 1e9 for time_ns, _ in control],
@@ -48,7 +48,7 @@ def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
 
 
 def version_differences(recording: Recording) -> str:
-    """Returns recorded versions that differ from the installed versions, as text; empty if none differs."""
+    """Returns a text with the recorded versions that differ from the installed versions; empty if none differs."""
     recorded, present = recording.configuration.versions, versions()
     pairs = [
         ("AVR Gym", recorded.avrgym, present.avrgym),
@@ -65,7 +65,10 @@ def head_centres(people: People, posture: Posture) -> FloatArray:
 
 
 def _body(recording: Recording, posture: Posture) -> BodySeries | None:
-    """Returns the body posture from the recorded joint targets; ``None`` if they are missing or have other joints."""
+    """Returns the body posture from the recorded joint targets.
+
+    Returns ``None`` if targets are missing, or if the joints are not those of the current body model.
+    """
     configuration = recording.configuration
     person = configuration.person
     control, targets = recording.topics["/control"], recording.topics["/body_targets"]
@@ -81,7 +84,7 @@ def _body(recording: Recording, posture: Posture) -> BodySeries | None:
 
 
 def _targets_at(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
-    """Returns the latest joint targets (n, 20) at each time. Times before the first targets get the first targets."""
+    """Returns the latest joint targets (n, 20) at each time; before the first targets, the first targets."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
     return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -1,4 +1,4 @@
-"""Comparisons of two groups, and families of tests that are corrected together."""
+"""Comparisons of two groups, and families of tests that are corrected together for multiple testing."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +35,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A test of ``group_a`` against ``group_b``. With too few participants, the row describes the groups without p."""
+    """A test of ``group_a`` against ``group_b``. With too few participants, the row contains medians, but no p."""
 
     simulated: IsSimulated
     family: columns.Family
@@ -65,22 +65,23 @@ class ComparisonRow:
 
 
 TRIAL, PARTICIPANT = "trial", "participant"
-"""Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no stars; they are
-only for comparison with the paper."""
+"""Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no significance
+stars; they are only for comparison with the paper."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
 """Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
 TOO_FEW_PARTICIPANTS = f"fewer than {MIN_PARTICIPANTS} participants"
 Sample = tuple[str, Sequence[float]]
-"""A group: its name and its values."""
+"""A group: (name, values)."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """A research question with a family of tests. ``table``: caption of the table of tests in the report.
+    """A research question with a family of tests.
 
-    ``primary``: without a plan, the question's tests by participant are primary results.
+    ``table``: caption of the table of tests in the report. ``primary``: without a plan, the tests by participant of
+    this question are primary results.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Question:
     primary: bool = False
 
     def family_name(self, unit: str) -> str:
-        """Returns the name of the question's family of tests with this unit of analysis."""
+        """Returns the name of the family of tests with this unit of analysis (trial or participant)."""
         return f"{self.name}, by {unit}"
 
 
@@ -96,8 +97,8 @@ class Question:
 class Comparison:
     """Comparison of a quantity between groups ``a`` and ``b``.
 
-    ``result``: the test result. ``participants``: number of participants. ``differences``: difference of each
-    participant in a paired test by participant; empty for other tests.
+    ``result``: the test result. ``participants``: number of participants. ``differences``: for a paired test by
+    participant, the difference of each participant; otherwise empty.
     """
 
     quantity: str
@@ -110,7 +111,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Family:
-    """Tests that are corrected together. ``differences``: for each test, the differences by participant."""
+    """Tests that are corrected together for multiple testing.
+
+    ``differences``: for each test, the differences by participant.
+    """
 
     simulated: bool
     question: Question
@@ -128,7 +132,7 @@ def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequ
 
 
 def _without_small_test(test: Comparison) -> Comparison:
-    """Returns the comparison. With too few participants, statistic, p and confidence interval are removed."""
+    """Returns the comparison. With too few participants, it has no statistic, p and confidence interval."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
     result = test.result
@@ -169,8 +173,9 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 MEAN_DECIMALS = 9
-"""Number of decimals of means over trials. Means that differ only by rounding errors become equal."""
+"""Number of decimals of means over trials. Rounding removes differences by floating-point errors."""
 UnitKey = tuple[str, ...]
+"""Key of a value: (participant, task, robot) for trials, (participant,) for means of participants."""
 
 
 def compare_policies(
@@ -179,9 +184,9 @@ def compare_policies(
     values: tuple[Mapping[UnitKey, float], Mapping[UnitKey, float]],
     unit: str,
 ) -> Comparison:
-    """Compare the second policy with the first policy by a signed-rank test.
+    """Returns a signed-rank test of the second policy against the first policy.
 
-    ``values``: with the first policy, and with the second policy, by key. The first element of a key is the
+    ``values``: values with the first policy, and with the second policy, by key. The first element of a key is the
     participant.
     """
     first, second = policies
@@ -198,7 +203,7 @@ def compare_policies(
 
 
 def values_by_unit(unit: str, values: Mapping[UnitKey, float]) -> dict[UnitKey, float]:
-    """Returns the values of trials if ``unit`` is ``TRIAL``; otherwise the mean of each participant."""
+    """Returns the values of trials if ``unit`` is ``TRIAL``; otherwise the mean over the trials of each participant."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
     own: dict[UnitKey, list[float]] = {}

@@ -1,7 +1,7 @@
 """Empirical-Bayes shrinkage of estimates to the mean of their group.
 
-The estimates are x_i = θ_i + e_i, with e_i ~ N(0, s_i²) and θ_i ~ N(μ, τ²). The variance τ² between participants is the
-estimate of Paule and Mandel (J. Res. Natl. Bur. Stand. 87:377, 1982): the τ² with
+The estimates are x_i = θ_i + e_i, with e_i ~ N(0, s_i²) and θ_i ~ N(μ, τ²). The variance τ² between participants is
+estimated by the method of Paule and Mandel (J. Res. Natl. Bur. Stand. 87:377, 1982). τ² solves the equation
 
     Σ (x_i - μ)² / (τ² + s_i²) = n - 1,  μ = Σ x_i / (τ² + s_i²) / Σ 1 / (τ² + s_i²).
 
@@ -23,7 +23,7 @@ from avrgym.array_types import FloatArray
 
 
 class Shrunken(NamedTuple):
-    """Posterior means and standard deviations (n,), and mean and standard deviation of the group."""
+    """Posterior means (n,) and standard deviations (n,), and mean and standard deviation of the group."""
 
     mean: FloatArray
     deviation: FloatArray

@@ -1,10 +1,10 @@
-"""Sign-flip permutation test: corrects the family-wise error of paired tests with the same participants.
+"""Sign-flip permutation test. It controls the family-wise error rate of paired tests with the same participants.
 
-Null hypothesis: the joint distribution of a participant's differences stays the same if all their signs are flipped.
-The test computes the statistics of all tests for every combination of flips. p is the share of combinations in which
-the maximum over tests reaches the observed statistic (max-T: Westfall and Young, Resampling-Based Multiple Testing,
-1993). Tests are corrected step-down, from the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat.
-Assoc. 100, 2005). The correction accounts for dependence between tests. It is therefore more powerful than Holm's.
+Null hypothesis: the joint distribution of the differences of a participant does not change if all signs are flipped.
+The statistics of all tests are computed for each combination of flips. p is the share of combinations with a maximum
+over tests that is at least the observed statistic (max-T: Westfall and Young, Resampling-Based Multiple Testing, 1993).
+Tests are corrected step-down, from the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat. Assoc.
+100, 2005). The correction accounts for dependence between tests. It is therefore more powerful than Holm's correction.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,9 +18,9 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
 MAX_EXACT_PARTICIPANTS = 14
-"""Maximum number of participants for the exact test, which uses all sign combinations."""
+"""Maximum number of participants for the exact test. It uses all combinations of signs."""
 RANDOM_FLIP_COUNT = 9_999
-"""Number of random sign combinations for more participants. The observed combination is added."""
+"""Number of random sign combinations if there are more participants. The observed combination is added."""
 TOLERANCE = 1e-9
 
 
@@ -28,7 +28,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
     """Returns corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
-        differences: for each test, the difference of each participant who has a value.
+        differences: for each test, the differences by participant. Participants without a value are omitted.
     """
     ranks = signed_ranks(differences)
     sizes = np.sqrt((ranks**2).sum(axis=0))
@@ -57,7 +57,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 def sign_flips(participants: int) -> FloatArray:
     """Returns sign combinations (combinations, participants), the observed one first.
 
-    The exact test contains one of each two opposite combinations, because statistics are absolute values.
+    The exact test uses only one of two opposite combinations, because statistics are absolute values.
     """
     if participants > MAX_EXACT_PARTICIPANTS:
         drawn = random_streams.sign_flip_generator().integers(0, 2, (RANDOM_FLIP_COUNT, participants))

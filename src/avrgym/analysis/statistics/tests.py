@@ -1,7 +1,7 @@
 """Rank tests, corrections for multiple testing, and confidence intervals. All tests are two-sided.
 
-SciPy functions are used where they exist. This module implements exact probabilities with ties, rank-biserial effect
-sizes, Holm's correction and the multivariate energy test.
+SciPy functions are used if available. This module implements exact p values with ties, rank-biserial effect sizes,
+Holm's correction and the multivariate energy test.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,10 @@ STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
-    """Returns number, mean, extremes and quartiles of values, by column name. Quartiles are interpolated linearly."""
+    """Returns count, mean, minimum, maximum and quartiles of values, by column name.
+
+    Quartiles are interpolated linearly.
+    """
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
         "n": len(values),
@@ -46,10 +49,10 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 class StatisticalTest:
     """Result of a statistical test.
 
-    ``n``: number of values or differences in the test. ``zeros``: number of omitted zero differences. ``p``: ``None``
-    if there was no test; ``note`` then contains the reason. ``effect``: rank-biserial correlation in [−1, 1], with 95 %
-    confidence interval. For the energy test, ``effect`` is the energy distance divided by twice the mean distance
-    between samples (0 to 1), without interval.
+    ``test``: name of the test. ``n``: number of values or differences. ``zeros``: number of omitted zero differences.
+    ``method``: method for p. ``p``: ``None`` if no test was possible; ``note`` then contains the reason. ``effect``:
+    rank-biserial correlation in [−1, 1], with 95 % confidence interval. For the energy test, ``effect`` is the energy
+    distance divided by twice the mean distance between samples (0 to 1), without interval.
     """
 
     test: str
@@ -65,7 +68,9 @@ class StatisticalTest:
 
 
 def signed_rank(differences: ArrayLike) -> StatisticalTest:
-    """Wilcoxon signed-rank test. Null hypothesis: differences are symmetric around zero (Biometrics Bulletin 1, 1945).
+    """Returns Wilcoxon's signed-rank test (Biometrics Bulletin 1, 1945).
+
+    Null hypothesis: the differences are symmetric around zero.
 
     Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most
     ``MAX_EXACT_SIGNED_RANK`` differences, p is exact: all combinations of signs are equally probable. For more
@@ -106,7 +111,7 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 
 
 def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
-    """Mann-Whitney U test: do values of one sample tend to be larger? (Ann. Math. Stat. 18, 1947)
+    """Returns the Mann-Whitney U test (Ann. Math. Stat. 18, 1947): are the values of one sample larger?
 
     p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM`` values: all divisions of the ranks into two
     samples are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is
@@ -148,7 +153,7 @@ def effect_interval(effect: float, size: float) -> tuple[float, float]:
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Returns exact p: twice the share of rank subsets with a rank sum that is at least as extreme as the observed one.
+    """Returns exact p: twice the share of rank subsets with the observed or a more extreme rank sum.
 
     Subsets have the size of the smaller sample. ``ways[k, s]``: number of subsets of k ranks with doubled sum s.
     """
@@ -165,7 +170,7 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
 
 
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
-    """Energy test of the null hypothesis that points (n, d) and (m, d) have the same distribution.
+    """Returns the energy test. Null hypothesis: points (n, d) and points (m, d) have the same distribution.
 
     Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
     2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the unit of the points. For p, all points are divided at
@@ -193,7 +198,8 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
     """Returns energy distances (k,) and mean distances (k,) between two samples, for k divisions of all points.
 
-    ``apart``: distances of all points. ``chosen`` (k, n): indices of the first sample; all other points are the second.
+    ``apart``: distances between all points. ``chosen`` (k, n): indices of the first sample. All other points are the
+    second sample.
     """
     inner = _inner_sums(apart, chosen)
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
@@ -204,7 +210,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def _inner_sums(apart: FloatArray, chosen: IntArray) -> FloatArray:
-    """Returns the sums (k,) of all distances within k samples, which are processed in parts to limit memory."""
+    """Returns the sums (k,) of all distances within k samples. Samples are processed in parts to limit memory."""
     squared = chosen.shape[1] ** 2
     parts = np.array_split(chosen, 1 + len(chosen) * squared // _DISTANCES_IN_MEMORY)
     sums = [
@@ -226,14 +232,14 @@ def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]
 
 
 def significance_stars(p: float | None) -> str:
-    """Returns the stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Returns the significance stars of p: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in STARS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
     """Returns the 95 % confidence interval of the share of successful trials. A cluster: all trials of one participant.
 
-    It is Wilson's interval with the effective sample size, and with Student's quantile for (clusters − 1) degrees of
+    The result is Wilson's interval with the effective sample size, and Student's quantile for (clusters − 1) degrees of
     freedom (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey Methodology 43, 2017, p. 245). The
     effective sample size is the number of trials divided by the design effect. The design effect is the variance of the
     share, estimated between clusters, divided by its variance for independent trials. With one trial in each cluster,
@@ -252,7 +258,7 @@ def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float
 
 
 MIN_DESIGN_EFFECT = 0.25
-"""Lower bound of the design effect. It can be underestimated: with equal shares in few clusters, it would be 0."""
+"""Lower bound of the design effect. Without it, equal shares in few clusters result in a design effect of 0."""
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
@@ -268,7 +274,7 @@ def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
 
 
 EQUAL_TOLERANCE = 1e-12
-"""Values count as equal if their standard deviation is at most this share of their mean."""
+"""Values are considered equal if their standard deviation is at most this share of their mean."""
 
 
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
