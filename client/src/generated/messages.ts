@@ -417,8 +417,8 @@ export interface Upcoming {
 
 /** Times of a tracking frame in the server, in seconds of the server's clock.
  *
- * They are the times at which the frame was received, and at which the first state that includes it was computed and
- * sent. This state is the next message. */
+ * `received_s`: the frame was received. `simulated_s`: the first state that includes it was computed. `sent_s`:
+ * this state was sent. This state is the next message. */
 export interface Passed {
   type: "passed";
   tracking_sequence: number;
@@ -435,9 +435,9 @@ export interface Passed {
  * client draws the simulated poses of these parts.
  *
  * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has one row x, y, z, w, x, y, z per body or
- * mark, with steps of 0.1 mm for the position and 5e-5 for the quaternion. Unchanged rows are omitted: each row begins
- * with the number of omitted rows before it, then contains its differences in zigzag encoding. All numbers are varints
- * as in Protocol Buffers. */
+ * mark. Its steps are 0.1 mm for the position and 5e-5 for the quaternion. Unchanged rows are omitted. Each row begins
+ * with the number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of
+ * Protocol Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;
@@ -451,8 +451,8 @@ export interface StateChange {
 /** The phase of the session, with the text for the participant.
  *
  * `trial`: number of the running or next trial, from 1. `trials`: number of trials. `seconds`: time limit.
- * `text` is for VR with a trigger. If other texts differ, `texts_by_input` contains the texts for other input
- * methods, and `page_text` the text for the page without a headset. `key`: the key of the text. */
+ * `text` is for VR with a trigger. `texts_by_input`: differing texts for other input methods. `page_text`: a
+ * differing text for the page without a headset. `key`: the key of the text. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -487,9 +487,9 @@ export interface Question {
 
 /** An error in a message or a measurement, with the allowed values. The session continues.
  *
- * `message` is for VR with a trigger. If other texts differ, `page_message` contains the text for the page without
- * a headset, and `messages_by_input` the texts for other input methods. `role`: the role that receives the
- * problem. The experimenter receives all problems. */
+ * `message` is for VR with a trigger. `page_message`: a differing text for the page without a headset.
+ * `messages_by_input`: differing texts for other input methods. `role`: the role that receives the problem. The
+ * experimenter receives all problems. */
 export interface Problem {
   type: "problem";
   message: string;

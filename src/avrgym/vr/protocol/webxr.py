@@ -22,7 +22,7 @@ UNIT_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
 WRIST_TO_HAND_M = 0.08
-"""Distance from a tracked wrist to the centre of the hand (as in Assistive VR Gym, 2020)."""
+"""Distance from a tracked wrist to the centre of the hand (Assistive VR Gym, 2020)."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
     """Returns the pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
 
-    The wrist's −z axis points to the fingers, its y axis out of the back of the hand (WebXR Hand Input). The −z axis of
-    our hand points to the fingers too; its x axis points out of the back of a left hand.
+    Axes of the WebXR wrist (WebXR Hand Input): −z points to the fingers, y points out of the back of the hand. Axes of
+    the simulated hand: −z points to the fingers too, x points out of the back of a left hand.
     """
     return _compose(registration.to_world(wrist), HAND_CENTRE_FROM_WRIST, HAND_FROM_WRIST_AXES[side])
 

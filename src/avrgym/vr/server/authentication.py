@@ -40,7 +40,7 @@ class Refusal:
 
 NO_TOKEN = Refusal(4401, "this address contains no token; open the complete address that the server printed")
 OLD_TOKEN = Refusal(
-    4403, "this address is no longer valid; open the address that the server printed at its last start"
+    4403, "this address is from an earlier start of the server; open the address that it printed last"
 )
 LINK_ENDED = Refusal(4410, "this link has expired with its session; open the link of the current session")
 ENTER_CODE = Refusal(4411, "this page needs the link of a session, or the code that the dashboard shows")

@@ -58,8 +58,8 @@ class Outbox:
     The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the latest
     sent state was computed.
 
-    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Without
-    flow control, buffers of system and browser would delay the states of a slow client by up to a minute.
+    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Otherwise
+    buffers of system and browser would delay the states of a slow client by up to a minute.
     """
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class Outbox:
 
 
 class Broadcast:
-    """Passes each message of the simulation's thread to the connections whose role receives it."""
+    """Passes each message of the simulation's thread to connections; see ``is_for_role``."""
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None
@@ -125,7 +125,7 @@ class Broadcast:
         return self._participant is not None
 
     def send(self, message: Message) -> None:
-        """Send a message to all connections whose role receives it. Call it from the simulation's thread."""
+        """Send a message to all connections for which ``is_for_role`` is true. Call it from the simulation's thread."""
         if self._participant is not None or self._watchers:
             self._call(lambda created_s: self._deliver(message, created_s), time.monotonic())
 

@@ -39,8 +39,8 @@ HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
 """Interval at which the token of a connection is checked again. If it was revoked, the connection is closed."""
 BURST, MESSAGES_PER_S = 1000, 250
-"""Maximum number of messages in a burst, and per second. A headset sends up to 144 frames per second, and the frames
-of up to seven seconds after a network interruption."""
+"""Maximum number of messages in a burst, and per second. A headset sends up to 144 frames per second. After a network
+interruption, it sends the frames of up to seven seconds in a burst."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ async def _receive(
     record: RecordCommand,
     opens: Callable[[], bool],
 ) -> None:
-    """Pass received messages to the loop. Discards messages of a participant whose link has expired."""
+    """Pass received messages to the loop. Discards a participant's messages after their link has expired."""
     rate_limit = RateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:

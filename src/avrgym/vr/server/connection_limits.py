@@ -1,8 +1,8 @@
 """Limits on unauthenticated connections, which have not presented a valid token.
 
 Their number is limited, in total and for each address. At the limit, the unauthenticated connection that has been idle
-longest is closed. Authenticated connections are never closed for this reason. A connection times out if it sends no
-request, or takes too long for a handshake, a request or a response.
+longest is closed. Authenticated connections are never closed for this reason. Connections have time limits for the
+TLS handshake, for a request and for a response.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ FILE_HANDLE_DIVISOR = 4
 ADDRESS_DIVISOR = 4
 """One address may have at most the limit divided by this number. Loopback is exempt, because USB headsets share it."""
 MAX_PER_ROLE = 64
-"""Maximum number of authenticated connections of one role. Further connections count as unauthenticated."""
+"""Maximum number of authenticated connections of one role. Further connections are treated as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
 """Timeout of the TLS handshake."""
 IDLE_TIMEOUT_S = 10.0

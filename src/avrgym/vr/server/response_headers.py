@@ -14,7 +14,7 @@ PACKAGE_FOLDER = str(Path(__file__).parents[2])
 FRAMED_PAGE = "/spectator"
 """The only page that may be in a frame; the dashboard contains it."""
 HASHED_FILES_PATH = "/assets/"
-"""Folder of files whose names contain a hash of their content."""
+"""Folder of files with a hash of their content in the name. Browsers may cache them forever."""
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "

@@ -19,7 +19,7 @@ LINK_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
-"""Maximum number of wrong codes in this time. Guessing a code takes three weeks on average."""
+"""Maximum number of wrong codes in this time. To guess a code, an attacker needs three weeks on average."""
 
 
 class CodeError(ValueError):

@@ -27,7 +27,7 @@ from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 MakeConfiguration = Callable[[int], Configuration]
-"""Function that takes the number of an attempt and returns the attempt's configuration."""
+"""Function that returns the configuration of the attempt with a given number."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Attempt:
         Args:
             folder: the folder of recordings; created if it is missing.
             trial: the trial's number, from 1.
-            configure: takes the number of an attempt and returns the attempt's configuration.
+            configure: returns the configuration of the attempt with a given number.
             began_s: the current time.
             first_number: number of the first attempt in this folder; earlier attempts are in other folders.
 
@@ -122,8 +122,8 @@ class Attempt:
     def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
 
-        Call it at the end of a tick. Within a tick, both threads would compete for Python's interpreter lock, and the
-        tick would take twice as long.
+        Call it at the end of a tick. Earlier, both threads would compete for Python's interpreter lock, and the tick
+        would need twice the time.
         """
         recorded, self._records = self._records, []
         for record in recorded:

@@ -28,7 +28,7 @@ class AttemptStorage:
     """Stores the attempts of a session. The observer of ``sink`` stores the events.
 
     ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing`` is the index
-    of a trial whose completion is not stored yet. ``failing``: the last attempt could not be stored.
+    of a completed trial that is not stored yet. ``failing``: the last attempt could not be stored.
     ``questionnaire_attempt`` is the latest attempt; its answers may arrive after its end.
     """
 
@@ -78,7 +78,7 @@ class AttemptStorage:
             self.attempt.record("/events", schema.Event(name, detail), now_s)
 
     def record_answer(self, answer: schema.Answer, now_s: float) -> None:
-        """Record an answer in the running attempt, or in a file next to the recording of an attempt that has ended.
+        """Record an answer in the running attempt. If it has ended, write to a file next to its recording.
 
         Raises:
             OSError: if that file cannot be written.

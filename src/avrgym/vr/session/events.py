@@ -261,8 +261,7 @@ class TimeLost(SessionEvent):
 
 @dataclass(frozen=True)
 class ControllerFailed(SessionEvent):
-    """The robot holds its position because its controller returns no action; see
-    ``policies.controllers.ControllerError``."""
+    """The robot stops, because its controller returns no action; see ``policies.controllers.ControllerError``."""
 
     reason: str
 

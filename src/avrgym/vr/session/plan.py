@@ -76,10 +76,11 @@ class SessionPlan:
     which the session starts after a break. ``haptics`` and ``sounds``: feedback of touches and of successes.
     ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``. ``withdraw_after_success``: see
     ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
-    their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
-    also stretch their arms, and the model gets the participant's arm length. ``open_questionnaire``: a questionnaire of
-    an earlier session that is completed first. ``consent``: the participant's consent, for the recordings;
-    ``proxy_consent``: that of a representative. ``respondent``: who answers, ``participant`` or ``proxy``.
+    their language, with goals and items. ``headset_check``: durations of the headset check; ``None`` without a check.
+    ``measure_reach``: whether to measure the participant's arm length for the body model. ``open_questionnaire``: a
+    questionnaire of an earlier session that is completed first. ``consent``: the participant's consent, for the
+    recordings; ``proxy_consent``: that of a representative. ``respondent``: the person who answers, ``participant`` or
+    ``proxy``. ``simulated``: the participant is simulated. ``items``: the questionnaire after each trial.
     ``input_profile``: how the participant selects and stops at the start of the session. ``settings``: settings of all
     environments. ``allow_other_settings``: whether policies may have been trained with other settings.
     ``session_rules``: breaks and the limit of the time in VR. ``break_items``: the questions after a break.

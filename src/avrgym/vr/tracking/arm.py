@@ -1,6 +1,6 @@
 """Inverse kinematics of a person's right arm with a natural elbow position.
 
-The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that intersect at the wrist. A hand pose
+The arm has a ball joint at the shoulder, a hinge at the elbow and three intersecting hinges at the wrist. A hand pose
 leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist. Each swivel angle
 determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the current one. Joint
 ranges and speed limits may leave an error of the hand. Damped least squares then reduce this error with all joints.
@@ -204,8 +204,7 @@ def _swivelling(
 
 
 def _entries() -> FloatArray:
-    """Returns a matrix (11, 18) that maps the frames of upper arm and forearm to the inputs of ``_solutions`` and
-    ``_costs``.
+    """Returns a matrix (11, 18). It maps frames of upper arm and forearm to inputs of ``_solutions`` and ``_costs``.
 
     Rows 0–3 are sines and rows 4–7 cosines of the unlimited angles, both times a positive number. Rows 8–9 are the
     sines of the bending angles. Row 10 is the component of the elbow's direction along its rest direction.
@@ -222,8 +221,9 @@ _ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
-    """Returns the elbow's angle for a distance of the wrist, and the angle between upper arm and the line to the
-    wrist.
+    """Returns the angle of the elbow joint for a distance between shoulder and wrist.
+
+    The second result is the angle between the upper arm and the line from shoulder to wrist.
     """
     upper, fore = lengths.upper_m, lengths.fore_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
@@ -287,8 +287,10 @@ _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist
 
 
 def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """Returns joint angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivel angles, with both solutions of the
-    shoulder."""
+    """Returns joint angles (7, 2, A, K) for K swivel angles of A arms. The second axis has both shoulder solutions.
+
+    ``entries`` (A, 11, K) are products of ``_ENTRIES`` and the frames of upper arm and forearm.
+    """
     read = entries.transpose(1, 0, 2)
     angles = np.empty((7, 2, *read.shape[1:]))
     angles[::2] = np.arctan2(read[:4], read[4:8])[:, None]
@@ -342,8 +344,10 @@ COMFORT_COSTS = np.array([SHOULDER_Y_COST, 0.0, SHOULDER_Z_COST, 0.0, FOREARM_CO
 
 
 def _vertex(costs: FloatArray, lowest: int) -> float:
-    """Returns the offset in steps, −0.5 to 0.5, from the lowest cost to the vertex of the parabola through it and its
-    neighbours."""
+    """Returns the offset in steps, −0.5 to 0.5, from the lowest cost to the minimum of a parabola.
+
+    The parabola passes through the lowest cost and its two neighbours.
+    """
     before, here, after = costs[lowest - 1], costs[lowest], costs[(lowest + 1) % len(costs)]
     curvature = before - 2.0 * here + after
     return float(0.5 * (before - after) / curvature) if curvature > 1e-12 else 0.0

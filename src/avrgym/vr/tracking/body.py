@@ -38,7 +38,7 @@ class BodyPose:
 
 
 def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
-    """Returns the head's centre (3,) of a person who sits upright, or lies with the back on the bed; world frame."""
+    """Returns the head's centre (3,) in the world frame. The person sits upright, or lies with the back on the bed."""
     pos_w, axes_w = hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 

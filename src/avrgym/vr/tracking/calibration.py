@@ -1,7 +1,7 @@
 """Calibration: a participant's torso height from the headset's height, and arm length from the reach of the wrists.
 
-The torso leans back like the real backrest. The torso height is the distance from the hips to the centre of the head:
-the head's height above the hips, divided by the sine of the backrest's angle (paper, section III, for an upright
+The torso leans back like the real backrest. The torso height is the distance from the hips to the centre of the head.
+It is the head's height above the hips, divided by the sine of the backrest's angle (paper, section III, for an upright
 back). The hips have the same height above the real seat or mattress as the model's hips above the virtual one.
 
 Participants stretch their arms to the front and to the sides. The shoulders move when the arms reach to the front, but

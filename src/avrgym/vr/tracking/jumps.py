@@ -1,7 +1,7 @@
 """Filters jumps of tracked poses: the body does not follow a head or hand that moves impossibly fast.
 
 The limb keeps its pose until tracking has had no jump for some time. It then moves slowly to the tracked pose. The same
-applies to a limb that was untracked or had a repeated pose, and is then tracked at another position.
+applies when tracking of a limb continues at another position, after it was lost or its pose was repeated.
 """
 
 from math import acos, dist, hypot

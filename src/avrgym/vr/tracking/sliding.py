@@ -1,8 +1,8 @@
 """Detects that the participant has slid on the seat. The virtual seat and room then move to the participant.
 
-The simulated hips are fixed, and the torso only bends. After sliding, the distance from the hips to the tracked head
-exceeds the torso's length, and the simulated head cannot reach it. If the participant only leans, the head remains
-within the torso's reach.
+The simulated hips are fixed, and the torso only bends. After sliding, the distance from the hips to the tracked head is
+longer than the torso. The simulated head cannot reach it. If the participant only leans, the head remains within the
+torso's reach.
 """
 
 from collections import deque
@@ -25,8 +25,7 @@ SLIDING_THRESHOLD_M = 0.02
 """If a resting head is farther than this from the simulated head, the participant has slid."""
 MAX_SHIFT_M = 0.6
 MAX_RISE_M = 0.1
-"""A participant has left the seat if they are farther than ``MAX_SHIFT_M`` from the rest position, or higher than
-``MAX_RISE_M`` above it."""
+"""Maximum distance of a seated participant from the rest position, and above it. Beyond it, they have left the seat."""
 GLIDE_SPEED_M_S = 0.05
 """Speed of the room. It is low because everything visible moves."""
 

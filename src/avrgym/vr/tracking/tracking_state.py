@@ -131,8 +131,8 @@ class TrackingState:
     ) -> TrackingUpdate:
         """Returns the tracking of this tick, with the body's target pose if the newest frame is fresh.
 
-        ``needed``: parts of the body that the task needs. The pose has no hands of arms that rest or are absent, and
-        no stale hands of arms that the input ``profile`` does not use.
+        ``needed``: parts of the body that the task needs. The pose omits the hands of resting and absent arms. It also
+        omits stale hands of arms that the input ``profile`` does not use.
         """
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, deviating_parts_before, lost_before = (

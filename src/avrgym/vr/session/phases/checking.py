@@ -44,7 +44,10 @@ class HeadsetCheckPhase(VrPhase):
         self._measurement = measurement
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
-        """Add a tracking frame. The first usable frame places the participant, so frames are rendered as in a trial."""
+        """Add a tracking frame. The first usable frame determines the participant's position.
+
+        The client then renders the scene with the same effort as in a trial.
+        """
         self.state.locate_participant(tracking)
 
     @property

@@ -79,8 +79,11 @@ class OngoingPhase(Phase):
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.TrialStart:
-        """Start the next attempt if its world is built, the participant is ready and tracked, and the session is not
-        paused."""
+        """Start the next attempt if all conditions are met. Otherwise returns the phase that waits for the missing one.
+
+        Conditions: the previous trial is stored, no break is due, the world is built, the participant is calibrated,
+        ready and tracked and sees the scene, and the session is not paused.
+        """
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
