@@ -1,4 +1,4 @@
-"""Attempts at trials. Each attempt has one recording. After an incomplete attempt, another attempt follows."""
+"""Start and end attempts at trials. Each attempt has one recording. An incomplete attempt is repeated."""
 
 import hashlib
 import math
@@ -35,9 +35,9 @@ from avrgym.system.files import make_private_folder
 INCOMPLETE_ENDS: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
 """End states of attempts that did not complete their trial."""
 NO_METRICS = Metrics()
-"""Metrics of an attempt without results."""
+"""Metrics of an attempt that has no results."""
 CHECKSUM_DIFFERS = "was changed: its checksum differs"
-"""Error message about a recording that changed after the end of its attempt."""
+"""Error message for a recording that changed after the end of its attempt."""
 
 
 def begin_attempt(
@@ -49,16 +49,16 @@ def begin_attempt(
     torso_height_m: float | None = None,
     input_profile: InputProfile | None = None,
 ) -> TrialAttempt:
-    """Start the next attempt at a trial.
+    """Start the next attempt at a trial. Returns the stored attempt.
 
     Args:
         store: the study.
-        session_id: an open session.
-        position: position of a planned or skipped trial.
-        recording: the opened file in the session's folder; default: the next free name. A missing folder is
-            created, a missing file is not.
+        session_id: id of an open session.
+        position: position of a planned or skipped trial in the participant's trial order.
+        recording: an existing file in the session's folder; default: the next free file name. A missing folder is
+            created; the file is not created.
         torso_height_m: torso height of the simulated body, if known.
-        input_profile: how the participant selects and stops, if known.
+        input_profile: the participant's input devices and actions, if known.
 
     Raises:
         StudyError: if another attempt is running in the session, or if the file is in another folder.
@@ -88,7 +88,7 @@ def begin_attempt(
 
 
 def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
-    """Complete an attempt and its trial after the recording was closed. The questionnaire may still be open.
+    """Store that an attempt completed its trial. The recording must be closed. Answers may still be missing.
 
     Args:
         store: the study.
@@ -101,12 +101,20 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
     with store.database.write() as connection:
         attempt = find_running_attempt(connection, attempt_id)
         if not store.path(attempt.recording).is_file():
-            raise StudyError(f"{attempt} cannot be completed: {attempt.recording} is missing")
+            raise StudyError(
+                f"{attempt} cannot be completed: {attempt.recording} is missing; restore the file"
+            )
         finish_attempt(store, connection, attempt, "completed", metrics)
 
 
 def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NO_METRICS) -> None:
-    """End an attempt in a state of ``INCOMPLETE_ENDS``. Its trial is planned again.
+    """End an incomplete attempt. Its trial becomes planned again.
+
+    Args:
+        store: the study.
+        attempt_id: a running attempt.
+        state: one of ``INCOMPLETE_ENDS``.
+        metrics: metrics of the attempt.
 
     Raises:
         StudyError: for another state, or if the attempt is not running.
@@ -128,9 +136,9 @@ def finish_attempt(
     *,
     closed: bool = True,
 ) -> None:
-    """End an attempt within a transaction. Its trial is completed or planned again.
+    """Store the end of an attempt within a transaction. Its trial becomes completed or planned again.
 
-    ``closed``: no process writes the recording; the recording's checksum is then stored.
+    ``after``: the attempt's new state. ``closed``: the recording is closed, so its checksum is stored.
     """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
@@ -150,13 +158,13 @@ def finish_attempt(
 def finished_metrics(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
-    """Returns the metrics of an attempt if the robot finished before the program ended; otherwise ``None``.
+    """Returns the metrics of an attempt after a crash; ``None`` if the robot had not finished.
 
-    Missing answers are copied between recording and database. ``writer_ended``: no process writes the recording; a
-    truncated recording is then completed.
+    Missing answers are copied from the recording to the database, and from the database to the recording.
+    ``writer_ended``: no process writes the recording, so a truncated recording is completed.
 
     Raises:
-        StudyError: if the recording or its answers cannot be completed on this disk.
+        StudyError: if the recording or its answers cannot be written.
     """
     path = store.path(attempt.recording)
     if not path.is_file():
@@ -174,7 +182,7 @@ def finished_metrics(
         return None
     except OSError as error:
         raise StudyError(
-            f"{attempt.recording} cannot be completed: {error}. Correct this and start again"
+            f"{attempt.recording} cannot be completed: {error}. Correct this and run the command again"
         ) from error
     return recording.metrics
 
@@ -193,28 +201,26 @@ def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
     values = msgspec.to_builtins(metrics)
     for name, value in values.items():
         if not math.isfinite(value):
-            raise StudyError(f"{name} is {value!r}; allowed: finite numbers, true and false")
+            raise StudyError(f"the metric {name} is {value!r}; allowed: finite numbers, true and false")
     return values
 
 
 def _check_idle(connection: sa.Connection, session: StudySession) -> None:
     running = find_all(connection, TrialAttempt, session=session.id, state="running")
     if running:
-        raise StudyError(f"{running[0]} is running; end it before another begins")
+        raise StudyError(f"the attempt {running[0]} is running; end it before you start another attempt")
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
-    """Returns the path of an attempt's opened file, relative to the study's folder."""
+    """Returns the path of an attempt's recording, relative to the study's folder."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
-        raise StudyError(
-            f"{recording} is not a file in {folder}; allowed: files in this folder of the session"
-        )
+        raise StudyError(f"{recording} is not a file in {folder}; allowed: files in the session's folder")
     return f"{session.folder}/{recording.name}"
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
-    """Returns the first free file name, with attempt number ``number`` or higher."""
+    """Returns the first unused path for a recording, with attempt number ``number`` or higher."""
     make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"

@@ -1,4 +1,4 @@
-"""The audit log of a study: each action and view, and the person. Entries are only appended.
+"""The audit log of a study: each action and view, with person and time. Entries are never changed or removed.
 
 Entries contain no names of participants, no notes and no reasons. The hash chain reveals changed and deleted entries.
 """
@@ -24,25 +24,25 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
     "account",
 )
 IDENTIFICATION_METHODS = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
-"""How a person is identified: by a personal token, a shared token, or an account on the computer."""
+"""Methods that identify a person: personal token, shared token, spectator's token, or account on the computer."""
 SHARED_TOKEN_NAME = "unnamed"
-"""Stored instead of the name of a person who uses a shared token."""
+"""Stored name of every person with a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
-"""Commands whose detail is the name of an experimenter."""
+"""Names of two actions. The detail of their log entries is the name of an experimenter."""
 REFUSED = "refused"
-"""Detail of a rejected command."""
+"""Detail of the log entry of a rejected command."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """A person, and the method of identification (one of ``IDENTIFICATION_METHODS``)."""
+    """A person in the audit log. ``identified_by``: one of ``IDENTIFICATION_METHODS``."""
 
     name: str
     identified_by: str
 
 
 def account_actor() -> Actor:
-    """Returns the user of this process. The operating system provides the name, not environment variables."""
+    """Returns the user of this process. The name comes from the operating system, not from environment variables."""
     try:
         import pwd
 
@@ -72,7 +72,7 @@ def add_entry(
         participant: pseudonym of the affected participant, if any.
         detail: further information without names of participants.
         at: time of the action; default: the current time.
-        shows_results: whether the person saw results; the number of completed participants is then stored.
+        shows_results: the person viewed results; store the numbers of completed and planned participants.
 
     Raises:
         StudyError: if the study cannot be written.
@@ -103,15 +103,15 @@ def _number(pseudonym: str | None) -> int | None:
 
 
 def _next_id(connection: sa.Connection) -> int:
-    """Returns the id for a new entry of this study. Larger ids belong to merged sites."""
+    """Returns the id for a new log entry of this study. Ids from ``ROWS_PER_SITE`` belong to merged sites."""
     ids = sa.select(sa.func.max(schema.LOG.c.id)).where(schema.LOG.c.id < ROWS_PER_SITE)
     return (connection.execute(ids).scalar() or 0) + 1
 
 
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
-    """Returns the numbers of completed and planned participants; ``None`` if there are no results yet.
+    """Returns the numbers of completed and planned participants; ``None`` before the first completed trial.
 
-    Simulated participants are counted only in a study without people.
+    Simulated participants are counted only if all participants are simulated.
     """
     everyone = find_all(connection, Participant)
     simulated = all(each.simulated for each in [*everyone, *find_all(connection, Tombstone)])
@@ -123,7 +123,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
 
 def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
-    """Returns the person of a log entry as text. ``sites``: names of merged sites by number."""
+    """Returns the person of a log entry as text. ``sites``: names of the merged sites, by site number."""
     who = {
         OWN_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",
@@ -135,5 +135,5 @@ def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
 
 
 def site_names(store: Store) -> dict[int, str]:
-    """Returns the names of the sites of a merged study, by number."""
+    """Returns the names of the sites of a merged study, by site number."""
     return {site.number: site.name for site in store.sites()}

@@ -9,7 +9,7 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 PARTICIPATION_CONFIRMED = "participation confirmed"
-"""Name of the event: the experimenter confirmed from other records that a participant consented."""
+"""Name of the event for a consent that the experimenter confirmed from other records after a data loss."""
 
 
 def describe_data_loss(store: Store) -> tuple[str, ...]:

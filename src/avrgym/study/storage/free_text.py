@@ -3,19 +3,19 @@
 from avrgym.study.storage.states import StudyError
 
 MAX_LINE_LENGTH, MAX_NOTE_LENGTH = 200, 10_000
-"""Maximum number of characters: of a line (a name, a contact or a reason), and of a note."""
+"""Maximum number of characters of a line (name, contact or reason), and of a note."""
 
 
 def check_line(what: str, text: str) -> None:
-    """Raise ``StudyError`` if the text is not a valid name, contact or reason.
+    """Raises ``StudyError`` if a name, contact or reason is too long or contains control characters.
 
-    The message does not contain the text.
+    ``what``: name of the field for the message, which does not contain the text.
     """
     _check(what, text, MAX_LINE_LENGTH, "")
 
 
 def check_note(text: str, what: str = "the note") -> None:
-    """Raise ``StudyError`` if the text is not a valid note or description. Line breaks are allowed."""
+    """Raises ``StudyError`` if a note is empty or too long, or contains control characters. Line breaks are allowed."""
     if not text:
         raise StudyError(f"{what} is empty; allowed: at least one character")
     _check(what, text, MAX_NOTE_LENGTH, "\n\r\t")
@@ -29,5 +29,5 @@ def _check(what: str, text: str, most: int, allowed: str) -> None:
 
 
 def _is_writable(character: str) -> bool:
-    """Returns whether databases and files can store a character: neither a control character nor a surrogate."""
+    """Returns whether a character is neither a control character nor a surrogate."""
     return not (character < " " or "\x7f" <= character < "\xa0" or "\ud800" <= character < "\ue000")

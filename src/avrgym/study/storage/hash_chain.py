@@ -1,12 +1,14 @@
 """Hash chain over all rows of a study (table ``ledger``). It reveals changes by other programs.
 
-Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row; the entry of
-a deleted row contains none. The entry's digest covers the digest of the previous entry. Another program made a change
-if a row differs from its latest entry, if a row has no entry, if an entry has no row, or if the digests do not match.
-Rows contain a random salt. The checksum of a deleted row therefore reveals nothing about its contents.
+Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row, or no
+checksum for a deleted row. The entry's digest covers the digest of the previous entry.
 
-The chain has no secret. If another program recomputes all digests, only an earlier head that is stored elsewhere
-reveals this.
+Each of these errors reveals a change by another program: a row differs from its latest entry; a row has no entry; an
+entry has no row; a digest is wrong. Rows contain a random salt. The checksum of a deleted row therefore reveals nothing
+about its contents.
+
+The chain uses no secret key. If another program recomputes all digests, only an earlier head (number and digest of the
+last entry) that is stored elsewhere reveals this.
 """
 
 import hashlib
@@ -36,8 +38,9 @@ class Head:
     digest: str = ""
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
-        """Returns the head after one more entry: about the row ``key`` of a table, with the row's checksum
-        ``content``.
+        """Returns the head after one more entry.
+
+        ``key``: primary key of the row. ``content``: checksum of the row; ``None`` for a deleted row.
         """
         return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
@@ -67,7 +70,7 @@ def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnEle
 
 
 def begin_transaction(connection: sa.Connection) -> None:
-    """Start to collect the rows that a transaction writes."""
+    """Start to collect the keys of the rows that a transaction writes."""
     connection.info[_WRITTEN] = set()
 
 
@@ -77,7 +80,7 @@ def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
 
 
 def append_entries(connection: sa.Connection) -> Head | None:
-    """Append the entries of a transaction. Returns the new head; ``None`` if nothing was written."""
+    """Append an entry for each row that a transaction wrote. Returns the new head; ``None`` if nothing was written."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
@@ -113,7 +116,7 @@ def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[He
 
 
 def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
-    """Yields the errors of the hash chain and of rows, as pairs of place and message."""
+    """Yields the errors of the hash chain and of rows, as pairs: name of table and row, and message."""
     try:
         entries = _rows(connection, LEDGER)
     except (SQLAlchemyError, ValueError, TypeError) as error:
@@ -136,7 +139,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
 
 
 def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
-    """Returns the primary keys of a table's unchanged rows; empty if the hash chain cannot be read."""
+    """Returns the primary keys of the rows that no other program changed; empty if the hash chain is unreadable."""
     try:
         entries = _rows(connection, LEDGER)
         found = _contents(connection, table)
@@ -181,9 +184,9 @@ def primary_key(table: sa.Table) -> sa.Column[int]:
 
 
 def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
-    """Returns the checksums of a table's rows by primary key. With ``keys``, only these rows are included.
+    """Returns the checksums of a table's rows, by primary key. ``keys``: only these rows; default: all rows.
 
-    Columns without a value are ignored, because a later version may add columns.
+    Columns without a value are ignored, because later versions may add columns.
     """
     name = primary_key(table).name
     return {
@@ -195,7 +198,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
-    """Returns the rows of a table. After an error, the transaction can still be used."""
+    """Returns the rows of a table. An error does not end the transaction."""
     query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
         query = query.where(primary_key(table).in_(keys))

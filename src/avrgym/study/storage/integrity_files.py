@@ -1,13 +1,12 @@
 """Integrity files of the database. They reveal changes by other programs, and replacement by an older copy.
 
-``study.head`` contains heads of the hash chain: a line with number and digest for each transaction since the database
-was last closed. A head is written after its transaction is on disk. If the chain lacks one of these heads, an older
-copy replaced the database.
+``study.head`` contains heads of the hash chain. A head is the number and digest of the last entry after a transaction.
+The file has a line for each transaction since the database was last closed. A head is written after its transaction is
+on disk. If the chain lacks one of these heads, an older copy replaced the database.
 
-``study.db.sha256`` contains the checksum of SQLite's file in the format of ``sha256sum``. It exists only while no
-process writes: it is removed before each write, and written when the writer closes the database. If the database has
-another checksum, the writer renames the file to ``study.db.sha256.mismatch``. The user must find the cause and remove
-this file.
+``study.db.sha256`` contains the checksum of the SQLite file in the format of ``sha256sum``. It is removed before each
+write, and written when the database is closed. If the database has another checksum, the file is renamed to
+``study.db.sha256.mismatch``. The user must find the cause and remove this file.
 """
 
 import os
@@ -26,11 +25,11 @@ _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
 
 class IntegrityFileError(ValueError):
-    """An integrity file is damaged."""
+    """Raised if an integrity file is damaged."""
 
 
 class IntegrityFiles:
-    """Read and write the integrity files.
+    """Reads and writes the integrity files of a database.
 
     Callers must hold the database's write lock, except for reading and ``note``.
     """
@@ -41,7 +40,7 @@ class IntegrityFiles:
 
     @property
     def checksum(self) -> str | None:
-        """The stored checksum of the database; ``None`` without one.
+        """The stored checksum of the database; ``None`` if the file is missing.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
@@ -50,7 +49,7 @@ class IntegrityFiles:
             return None
         match = re.fullmatch(rf"([0-9a-f]{{64}})  {re.escape(self._database)}\n", _text(path))
         if match is None:
-            raise IntegrityFileError(f"{CHECKSUM} is damaged")
+            raise IntegrityFileError(f"{CHECKSUM} is damaged; restore a backup of the study")
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
@@ -59,7 +58,10 @@ class IntegrityFiles:
         write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
 
     def remove_checksum(self, actual: Callable[[], str]) -> None:
-        """Remove the checksum before a write. If the database has another checksum, rename the file instead."""
+        """Remove the checksum file before a write. If the database has another checksum, rename the file instead.
+
+        ``actual``: function that returns the checksum of the database.
+        """
         path = self._folder / CHECKSUM
         if not path.exists():
             return
@@ -81,7 +83,7 @@ class IntegrityFiles:
         return (self._folder / MISMATCH).exists()
 
     def note(self, head: Head) -> None:
-        """Append the head after a transaction. Errors are ignored, because the transaction is complete."""
+        """Append a chain head after a transaction. Errors are ignored, because the transaction is complete."""
         with suppress(OSError, IntegrityFileError):
             if not self._noted:
                 self._cut_unfinished_line()
@@ -96,7 +98,7 @@ class IntegrityFiles:
             self.set_heads(self.heads() or ())
 
     def heads(self) -> list[Head] | None:
-        """Returns the stored heads of the hash chain; ``None`` if none is stored. A truncated last line is ignored.
+        """Returns the stored heads of the hash chain; ``None`` without a file. A truncated last line is ignored.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
@@ -106,7 +108,7 @@ class IntegrityFiles:
         *lines, last = _text(path).split("\n")
         found = [_HEAD_LINE.fullmatch(line) for line in lines]
         if not all(found) or len(last) > len(_line(Head(10**18))):
-            raise IntegrityFileError(f"{HEAD} is damaged")
+            raise IntegrityFileError(f"{HEAD} is damaged; restore a backup of the study")
         return [Head(int(match[1]), match[2]) for match in found if match]
 
     def set_heads(self, heads: Iterable[Head]) -> None:
@@ -129,7 +131,7 @@ def _text(path: Path) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Flush the removal of a file to disk, if the system supports it."""
+    """Flush changes of a folder to disk, if the operating system supports this."""
     with suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:

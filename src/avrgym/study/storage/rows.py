@@ -1,4 +1,4 @@
-"""Rows of a study's tables as dataclasses. Times are in ISO 8601, UTC."""
+"""Dataclasses for the rows of a study's database tables. Times are in ISO 8601, UTC."""
 
 import re
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def pseudonym_of(number: int) -> str:
 
 
 def participant_number(pseudonym: str) -> int:
-    """Returns the participant number of a pseudonym. Raises ``StudyError`` for other text, such as a path."""
+    """Returns the participant number of a pseudonym. Raises ``StudyError`` for any other text."""
     if re.fullmatch(r"sub-[0-9]{3,9}", pseudonym):
         number = int(pseudonym.removeprefix("sub-"))
         if number > 0 and pseudonym_of(number) == pseudonym:
@@ -33,10 +33,13 @@ def participant_number(pseudonym: str) -> int:
 
 @dataclass(frozen=True)
 class Participant:
-    """A participant. ``cell``: index of the order of trials. ``inclusion``: answers by question id.
+    """A participant of a study.
 
-    ``language``: default is the design's first language. ``site_number``: in a merged study, the number at the site.
-    ``input_profile``: default is two controllers. ``respondent``: one of ``RESPONDENTS``; default is the participant.
+    ``cell``: index of the participant's trial order in the design. ``inclusion``: answers to the inclusion questions,
+    by question id. ``functioning``: answers about disability and assistive devices. ``language``: language tag;
+    ``None`` for the design's first language. ``site_number``: participant number at the site, in a merged study.
+    ``input_profile``: ``None`` for two controllers. ``respondent``: one of ``RESPONDENTS``; ``None`` for the
+    participant.
     """
 
     number: int
@@ -59,20 +62,21 @@ class Participant:
 
     @property
     def pseudonym(self) -> str:
+        """The participant's pseudonym, such as ``sub-001``."""
         return pseudonym_of(self.number)
 
     @property
     def answered_by(self) -> str:
-        """The person who answers the questions to the participant: one of ``ANSWERING``."""
+        """The person who answers the participant's questionnaires: one of ``ANSWERING``."""
         return self.respondent or PARTICIPANT
 
     def must_reconsent(self, version: str) -> bool:
-        """Returns whether the participant is in the study and accepted another consent text than this version."""
+        """Returns whether the participant must consent again, because the accepted consent text has another version."""
         return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
 
     @property
     def site_pseudonym(self) -> str | None:
-        """Pseudonym at the participant's site; ``None`` if the study is not merged."""
+        """The participant's pseudonym at the site; ``None`` if the study is not merged from sites."""
         return None if self.site_number is None else pseudonym_of(self.site_number)
 
     def __str__(self) -> str:
@@ -81,7 +85,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StudySession:
-    """A participant's session at a station; one process runs it."""
+    """A participant's session. ``station``: name of the computer. ``process``: id of the process that runs it."""
 
     id: int
     participant: int
@@ -95,7 +99,7 @@ class StudySession:
 
     @property
     def headset(self) -> HeadsetCheck | None:
-        """Result of the session's latest headset check; ``None`` without a check."""
+        """Result of the session's latest headset check; ``None`` before the first check."""
         return None if self.headset_check is None else msgspec.convert(self.headset_check, HeadsetCheck)
 
     @property
@@ -105,6 +109,7 @@ class StudySession:
 
     @property
     def name(self) -> str:
+        """Name of the session, such as ``ses-01``."""
         return f"ses-{self.number:02}"
 
     def __str__(self) -> str:
@@ -113,7 +118,10 @@ class StudySession:
 
 @dataclass(frozen=True)
 class StoredDesign:
-    """The design at the start of a session; without a session, at the admission of a participant."""
+    """The design at the start of a session, or at the inclusion of a participant (``session`` is ``None``).
+
+    ``wordings``: the texts that participants read, by language, kind and key.
+    """
 
     id: int
     participant: int
@@ -125,7 +133,7 @@ class StoredDesign:
 
 @dataclass(frozen=True)
 class Trial:
-    """A planned trial. ``position``: number of the trial for this participant, from 1, practice trials included."""
+    """A planned trial. ``position``: number in the participant's trial order, from 1, with practice trials."""
 
     id: int
     participant: int
@@ -152,9 +160,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialAttempt:
-    """An attempt at a trial. ``recording``: path relative to the study's folder.
+    """An attempt at a trial.
 
-    ``torso_height_m``: torso height of the simulated body; ``None`` if only the recording contains it.
+    ``number``: number of the attempt at this trial, from 1. ``recording``: path of the recording, relative to the
+    study's folder. ``sha256``: checksum of the closed recording. ``torso_height_m``: torso height of the simulated
+    body; ``None`` if only the recording contains it.
     """
 
     id: int
@@ -175,9 +185,10 @@ class TrialAttempt:
 
 
 class StudyAnswer(Answer, frozen=True):
-    """A stored answer. ``attempt`` is ``None`` for an answer about a whole session.
+    """A stored answer to a questionnaire item.
 
-    ``respondent``: one of ``RESPONDENTS``; ``None`` for the participant.
+    ``attempt``: id of the attempt; ``None`` for an answer about a whole session. ``respondent``: one of
+    ``RESPONDENTS``; ``None`` for the participant.
     """
 
     id: int
@@ -194,7 +205,7 @@ class StudyAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True)
 class StudyEvent:
-    """A stored event; ``participant``, ``session`` and ``attempt`` are ``None`` if the event has none."""
+    """A stored event. ``at``: time of storage. ``participant``, ``session``, ``attempt``: ids, or ``None``."""
 
     id: int
     at: str
@@ -207,7 +218,7 @@ class StudyEvent:
 
 @dataclass(frozen=True)
 class Note:
-    """A note of an experimenter."""
+    """A note of an experimenter about a participant. ``at``: time of the note."""
 
     id: int
     at: str
@@ -220,7 +231,8 @@ class Note:
 class AdverseEvent:
     """A report of an adverse event.
 
-    ``follows``: id of the first report of the same event; ``None`` in the first report.
+    ``began_at``: start of the event. ``recorded_at``: time of the report. ``follows``: id of the first report of the
+    same event; ``None`` in the first report.
     """
 
     id: int
@@ -254,7 +266,8 @@ class ConsentText:
 class Consent:
     """A decision about a consent text, by the participant or a representative.
 
-    Fields that an earlier version did not store are ``None``.
+    ``at``: time of the decision. ``sha256``: checksum of the text. Fields that an earlier version of AVR Gym did not
+    store are ``None``.
     """
 
     id: int
@@ -268,13 +281,13 @@ class Consent:
 
     @property
     def consent_role(self) -> str:
-        """The role in which the decision was made: one of ``CONSENT_ROLES``."""
+        """Role of the person who decided: one of ``CONSENT_ROLES``."""
         return self.role or PARTICIPANT
 
 
 @dataclass(frozen=True)
 class ParticipantLink:
-    """Checksum of a session link. ``role``: ``caregiver``; ``None`` for the participant's link."""
+    """Checksum of a link to a session. ``role``: ``caregiver``; ``None`` for the participant's link."""
 
     id: int
     session: int
@@ -314,7 +327,10 @@ class InvitationUse:
 
 @dataclass(frozen=True)
 class Site:
-    """A merged site: number, name, and the head of its hash chain (``entries``, ``digest``) at the latest merge."""
+    """A site of a merged study.
+
+    ``entries`` and ``digest``: number and digest of the last entry in the site's hash chain at the latest merge.
+    """
 
     number: int
     name: str
@@ -324,7 +340,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Tombstone:
-    """A participant with deleted data."""
+    """A participant whose data were deleted."""
 
     number: int
     simulated: bool
@@ -344,9 +360,10 @@ class Experimenter:
 
 @dataclass(frozen=True)
 class LogEntry:
-    """An action or view in the audit log. ``known_by``: how the person was identified.
+    """An entry of the audit log: an action, or the view of data.
 
-    For a view of results, ``completed`` and ``planned`` are the numbers of participants at that time.
+    ``name``: the action. ``person``: name of the person. ``known_by``: one of ``IDENTIFICATION_METHODS``.
+    ``completed`` and ``planned``: numbers of participants when the person viewed results.
     """
 
     id: int

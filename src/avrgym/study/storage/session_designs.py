@@ -1,4 +1,4 @@
-"""The design of each session, from the database or else from its recordings."""
+"""The design that each session used, read from the database, or from the session's recordings."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -25,13 +25,13 @@ AFTER_TRIAL = "after_trial"
 def design_as_recorded(
     design: Design, trial: Trial, configuration: Configuration, translate: Translate
 ) -> Design:
-    """Returns the design with the values that a trial's recording contains.
+    """Returns the design that a trial used, from the configuration in the trial's recording.
 
     Args:
-        design: source of values that are not recorded.
+        design: the design with the values that recordings do not contain.
         trial: the trial.
         configuration: the configuration in the trial's recording; fields that are ``None`` are ignored.
-        translate: translates a sentence of the design into the text that the participant read.
+        translate: function that translates a sentence of the design into the participant's language.
     """
     changes: dict[str, Any] = {
         "trial_steps": configuration.steps,
@@ -57,7 +57,7 @@ def design_as_recorded(
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """Returns the design's questionnaires, with the items of the questionnaire after the trial."""
+    """Returns the design's questionnaires; those after a trial contain only the recorded ``items``."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):
@@ -96,7 +96,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """Returns the questionnaires, and one more for recorded items that are in no questionnaire after trials."""
+    """Adds a questionnaire with the recorded items that no questionnaire after trials contains."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
@@ -111,9 +111,10 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 
 @dataclass(frozen=True)
 class SessionDesign:
-    """The design of a session, for the trials at these ``positions``.
+    """The design of a session.
 
-    ``wordings``: the texts for participants; ``None`` if the database does not contain the session's design.
+    ``positions``: positions of the trials that used this design. ``wordings``: the texts for participants; ``None`` if
+    the database does not contain the session's design.
     """
 
     participant: Participant
@@ -129,9 +130,9 @@ class SessionDesign:
 
 
 def session_designs(store: Store, participants: Sequence[Participant] | None = None) -> list[SessionDesign]:
-    """Returns the designs of all sessions, from the database or else from the sessions' recordings.
+    """Returns the designs of all sessions, from the database, or from the recordings of a session without one.
 
-    ``participants``: only sessions of these participants; default: all.
+    ``participants``: only sessions of these participants; default: all participants.
     """
     stored = _stored(store)
     return [
@@ -145,8 +146,8 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
 def recorded_designs(store: Store) -> list[SessionDesign]:
     """Returns the designs of all sessions, from the sessions' recordings.
 
-    Values that recordings lack come from the database, or else from the study's current design. Trials without a
-    readable recording are omitted. The inclusion questions are those that the participant answered.
+    Values that recordings lack are read from the database, or from the study's current design. Trials without a
+    readable recording are omitted. Inclusion questions are those that the participant answered.
     """
     stored, admitted = _stored(store), _admitted(store)
     return [
@@ -160,16 +161,19 @@ def recorded_designs(store: Store) -> list[SessionDesign]:
 
 
 def design_from_row(row: StoredDesign) -> Design:
-    """Returns the design in a row. Raises ``StudyError`` if the row is damaged."""
+    """Returns the design that a database row contains. Raises ``StudyError`` if the row is damaged."""
     try:
         return design_from_dict(row.design)
     except msgspec.ValidationError as error:
-        raise StudyError(f"the study's database: design {row.id} is damaged: {error}") from error
+        raise StudyError(
+            f"the study's database: design {row.id} is damaged: {error}; restore a backup"
+        ) from error
 
 
 def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """Returns a function that translates a design's sentences, by stored ``wordings`` or else by the study's current
-    texts.
+    """Returns a function that translates a design's sentences into a language.
+
+    It uses the stored ``wordings``; if they are ``None``, the study's current texts.
     """
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
@@ -181,7 +185,7 @@ def translator(store: Store, language: str, wordings: Wordings | None) -> Callab
 
 
 def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
-    """List participants with their trials as text. ``everyone``: all session designs of the study."""
+    """Returns participants and positions of their trials as text. ``everyone``: all session designs of the study."""
     own, names = list(sessions), list[str]()
     if own and {_key(entry) for entry in own} == {_key(entry) for entry in everyone}:
         people = {entry.participant.pseudonym for entry in own}
@@ -198,7 +202,10 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
-    """Returns whether the merge accepted differences between sites, and ``own`` contains all sessions of its sites."""
+    """Returns whether a difference exists only between sites and was accepted at the merge.
+
+    ``own``: sessions with the difference. ``sessions``: all sessions of the study.
+    """
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]

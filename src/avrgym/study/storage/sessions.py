@@ -31,25 +31,24 @@ from avrgym.vr.headset_check import measurement_text, result_text
 
 
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
-    """Open a session of a participant at this station.
+    """Open a session of a participant at this station. Returns the stored session.
 
-    Open attempts of a crashed session are ended first. If the robot finished, the attempt completes its trial;
-    otherwise it is interrupted.
+    Sessions that a crash left open are ended first. If the robot had finished, the running attempt becomes completed;
+    otherwise it becomes interrupted.
 
     Args:
         store: the study.
         pseudonym: the participant.
-        take_over: end an open session, even if another station is possibly still running it.
+        take_over: end an open session, even if another station may still be running it.
 
     Raises:
-        StudyError: if consent to the current version or an allocated order is missing, or if another session is
-            running.
+        StudyError: if the participant is not allocated, must consent again, or has a running session.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != "allocated" or participant.consented_at is None:
             raise StudyError(
-                f"{participant} is {participant.state}; only allocated participants have sessions"
+                f"{participant} is {participant.state}; only allocated participants can have sessions"
             )
         check_consent(store, participant)
         own = find_all(connection, StudySession, participant=participant.number)
@@ -63,12 +62,12 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
 
 
 def check_consent(store: Store, participant: Participant) -> None:
-    """Raise ``StudyError`` if the participant must agree to the current version of the consent text."""
+    """Raises ``StudyError`` if the participant must first agree to the current version of the consent text."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
         raise StudyError(
-            f"{participant} agreed to version {participant.consent_version} of the consent text, and the study's is "
-            f"{present}: re-consent with `avrgym study consent {store.folder} {participant}` or on the dashboard"
+            f"{participant} agreed to version {participant.consent_version} of the consent text; the current version "
+            f"is {present}: re-consent on the dashboard or with `avrgym study consent {store.folder} {participant}`"
         )
 
 
@@ -98,7 +97,7 @@ def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:
-    """Move a planned trial behind all others."""
+    """Move a planned trial to the end of the participant's remaining trials."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
@@ -121,7 +120,7 @@ def record_session_event(
 
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
-    """Store the result of a headset check. The session's row contains the latest result, events contain all results."""
+    """Store the result of a headset check in the session's row, which has only the latest result, and as an event."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
@@ -132,18 +131,19 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
 def end_open_sessions(
     store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
 ) -> None:
-    """End the open sessions of a participant with the state ``sessions``, and running attempts with ``attempts``.
+    """End the open sessions and running attempts of a participant.
 
-    If ``attempts`` is ``interrupted``, an attempt in which the robot has finished is stored as completed.
+    ``sessions`` and ``attempts``: the new states. If ``attempts`` is ``interrupted``, an attempt becomes completed if
+    the robot had finished.
     """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
 def may_be_running(store: Store, session: StudySession) -> bool:
-    """Returns whether the process of an open session may be running; always true for a process at another station.
+    """Returns whether the process of an open session may still be running.
 
-    In a merged study, no session is running.
+    The result is ``True`` for a process at another station, and ``False`` in a merged study.
     """
     return not store.sites() and (session.station != store.station or is_running(session.process))
 
@@ -170,7 +170,7 @@ def _end_session(
 ) -> None:
     """End a session and its running attempts.
 
-    Simulated participants repeat an interrupted trial, because results of a dry run must depend on its seeds only.
+    A simulated participant repeats an interrupted trial. Results of a dry run therefore depend only on its seeds.
     """
     participant = find(connection, Participant, "participant", number=session.participant)
     writer_ended = not participant.simulated and not may_be_running(store, session)

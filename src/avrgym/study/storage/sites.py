@@ -1,4 +1,4 @@
-"""Numbers of participants and ids of rows in a merged study.
+"""Participant numbers and row ids in a merged study.
 
 Participant 3 of site 2 has the number 2003. The ids of all other rows of site 2 begin at 2 · 10⁹. Ids below 10⁹ belong
 to the merged study itself.
@@ -13,28 +13,28 @@ from avrgym.study.storage.store import find_all
 
 PEOPLE_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
 SITE_DIFFERS = "site differs"
-"""Name of the event: studies with a difference were merged. The event's detail is the difference."""
+"""Name of the event for an accepted difference between merged studies. Its detail describes the difference."""
 RECORDING_LEFT_OUT = "recording left out"
-"""Name of the event: a damaged or missing recording was omitted. The event's detail is the reason."""
+"""Name of the event for a damaged or missing recording that was not merged. Its detail is the reason."""
 
 
 def merged_participant_number(site: int, number: int) -> int:
-    """Returns the participant number in the merged study, from site number and number at the site."""
+    """Returns a participant's number in the merged study. ``number``: participant number at the site."""
     return site * PEOPLE_PER_SITE + number
 
 
 def site_number_of(number: int) -> int:
-    """Returns the site number of a participant in the merged study."""
+    """Returns the site number of a participant. ``number``: participant number in the merged study."""
     return number // PEOPLE_PER_SITE
 
 
 def merged_id(site: int, row: int) -> int:
-    """Returns the row id in the merged study, from site number and id at the site."""
+    """Returns a row's id in the merged study. ``row``: id of the row at the site."""
     return site * ROWS_PER_SITE + row
 
 
 def record_event_once(connection: sa.Connection, name: str, detail: str, **about: int) -> None:
-    """Store an event of the merged study; if the same event exists, do nothing."""
+    """Store an event of the merged study, unless an event with the same name, detail and attempt exists."""
     events = find_all(connection, StudyEvent)
     if any((each.name, each.detail, each.attempt) == (name, detail, about.get("attempt")) for each in events):
         return

@@ -7,7 +7,7 @@ from avrgym.recording.schema import ATTEMPT_ENDS
 Transitions = Mapping[str, tuple[str, ...]]
 
 UNKNOWN = "unknown"
-"""State of a participant with unknown consent and withdrawal, after the loss of the database."""
+"""State of a participant after the loss of the database: consent and withdrawal are unknown."""
 
 PARTICIPANT: Transitions = {
     "enrolled": ("consented", "withdrawn"),
@@ -36,15 +36,15 @@ TRANSITIONS: Mapping[str, Transitions] = {
 """Allowed next states of each state, by table."""
 
 PARTICIPATING = ("allocated", "completed")
-"""States of participants who are counted in their cell of the design."""
+"""States of participants with an allocated trial order. They are counted when the next order is allocated."""
 
 
 class StudyError(RuntimeError):
-    """The study does not allow an action. Nothing was changed. The message contains the allowed actions or values."""
+    """Raised if a study does not allow an action. Nothing was changed. The message lists allowed actions or values."""
 
 
 def check_transition(table: str, what: str, before: str, after: str) -> None:
-    """Raise ``StudyError`` if the transition from state ``before`` to state ``after`` is not allowed."""
+    """Raises ``StudyError`` if a row may not change from state ``before`` to ``after``. ``what``: name of the row."""
     allowed = TRANSITIONS[table][before]
     if after not in allowed:
         follow = " or ".join(allowed) or "none, this state is final"

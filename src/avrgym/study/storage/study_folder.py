@@ -1,4 +1,4 @@
-"""Find data about participants in a study's folder, outside the database."""
+"""Find participant data in a study's folder that are not in the database."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from avrgym.study.storage.states import StudyError
 
 
 def find_database_traces(folder: Path) -> list[str]:
-    """Returns the names of files and folders that exist only if the study had a database."""
+    """Returns the files and folders that show that the study once had a database."""
     found: list[str] = []
     if identity_file.named_pseudonyms(folder):
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
@@ -23,7 +23,7 @@ def find_database_traces(folder: Path) -> list[str]:
 
 
 def used_numbers(folder: Path) -> set[int]:
-    """Returns the participant numbers in the identity file, the participation list and the recordings."""
+    """Returns all participant numbers in the identity file, the participation list and the recordings."""
     listed = ParticipationList(folder).read()
     known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
