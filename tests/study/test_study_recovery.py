@@ -158,7 +158,7 @@ def test_read_only_study_can_be_opened(
     refused = avrgym("study", "enrol", folder, "--body", "man")
     assert refused.exit_code == 1
     (line,) = refused.stderr.splitlines()
-    assert line.endswith("cannot be written: copy the study to a folder that can be written")
+    assert line.endswith("cannot be written: copy the study to a writable folder")
     assert contents(folder) == before
 
 

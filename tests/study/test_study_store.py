@@ -349,7 +349,7 @@ def test_protocol_is_fixed_after_the_first_allocation(kind: str, tmp_path: Path)
     make_study(folder, tasks='["Drinking"]', seed="5")
     with pytest.raises(
         StudyError,
-        match=r"tasks changed after the first participant; allowed: the earlier value \['Feeding'\]",
+        match=r"tasks changed after the first participant was allocated; allowed: the earlier value \['Feeding'\]",
     ):
         Store(folder)
     make_study(folder, tasks='["Feeding"]', seed="5", title='"Another title"')

@@ -164,7 +164,7 @@ class Instrument(NamedTuple):
 
 
 def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
-    """Raise ``ValueError`` if a weight is missing, unknown or out of range, or if the sum of weights is wrong."""
+    """Raises ``ValueError`` if a weight is missing, unknown or out of range, or if the sum of weights is wrong."""
     names = ", ".join(weighting.items)
     if set(weights) != set(weighting.items):
         given = ", ".join(weights) or "no item"

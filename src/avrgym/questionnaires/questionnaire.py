@@ -126,7 +126,7 @@ def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: in
 
 
 def validate_answer(items: Sequence[Item], item_id: str, value: int) -> None:
-    """Raise ``ValueError`` if ``value`` is not an allowed answer to an item in ``items``."""
+    """Raises ``ValueError`` if ``value`` is not an allowed answer to an item in ``items``."""
     by_id = {item.id: item for item in items}
     if item_id not in by_id:
         raise ValueError(f"no item {item_id!r}; allowed: {', '.join(by_id)}")

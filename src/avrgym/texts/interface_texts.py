@@ -207,7 +207,7 @@ def _read(text: str, name: str) -> TextsFile:
 
 
 def _check(texts: Texts, where: str) -> None:
-    """Raise ``TextsError`` if keys or placeholders differ from the English texts.
+    """Raises ``TextsError`` if keys or placeholders differ from the English texts.
 
     A language may have additional texts for the page. It needs names of select actions only if a text contains
     ``{select}`` or ``{choose}``.

@@ -89,7 +89,7 @@ def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
 
 
 def check_distinct(sources: Sequence[SiteStudy]) -> None:
-    """Raise ``StudyError`` if two studies are the same, or have the same site name."""
+    """Raises ``StudyError`` if two studies are the same, or have the same site name."""
     for a, b in combinations(sources, 2):
         both = f"{a.store.folder} and {b.store.folder}"
         twice = sorted(set(a.people.items()) & set(b.people.items()))
@@ -102,7 +102,7 @@ def check_distinct(sources: Sequence[SiteStudy]) -> None:
 
 
 def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
-    """Raise ``StudyError`` unless the site is new, or its study continues the merged site with the same name.
+    """Raises ``StudyError`` unless the site is new, or its study continues the merged site with the same name.
 
     Args:
         source: the site's study.

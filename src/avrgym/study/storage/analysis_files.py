@@ -9,14 +9,12 @@ FOLDER = "analysis"
 """Default folder of an analysis, relative to the study's folder."""
 RESULTS = "results.json"
 UNFINISHED_PREFIX = ".analysis-"
-"""Prefix of an analysis' temporary folder. The folder remains if the analysis is killed."""
+"""Prefix of the temporary folder of an analysis. A killed analysis leaves this folder behind."""
 FORMAT_NAME = "avrgym analysis"
 
 
 def previous_files(folder: Path) -> list[str] | None:
-    """Returns the files of an earlier analysis in a folder, without its results file; ``None`` without an earlier
-    analysis.
-    """
+    """Returns the files of an earlier analysis in a folder, without ``results.json``; ``None`` without an analysis."""
     try:
         results = json.loads((folder / RESULTS).read_bytes())
         return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
@@ -25,14 +23,14 @@ def previous_files(folder: Path) -> list[str] | None:
 
 
 def remove_files(folder: Path, names: Iterable[str]) -> None:
-    """Remove files by their names relative to a folder. Names outside the folder are ignored."""
+    """Remove files from a folder. ``names``: paths relative to the folder; paths outside it are ignored."""
     for name in names:
         if (folder / name).resolve().is_relative_to(folder.resolve()):
             (folder / name).unlink(missing_ok=True)
 
 
 def remove_analysis(folder: Path) -> None:
-    """Remove only the files of an analysis from a folder, the results file last."""
+    """Remove the files of an analysis from a folder, ``results.json`` last. Other files are kept."""
     names = previous_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS])
@@ -41,7 +39,7 @@ def remove_analysis(folder: Path) -> None:
 
 
 def unfinished_analyses(folder: Path) -> list[Path]:
-    """Returns the temporary folders of analyses that were killed or are running."""
+    """Returns the temporary folders of killed and running analyses."""
     return sorted(
         path for path in folder.glob(f"{UNFINISHED_PREFIX}*") if path.is_dir() and not path.is_symlink()
     )

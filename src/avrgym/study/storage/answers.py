@@ -36,20 +36,20 @@ from avrgym.study.storage.store import (
 )
 
 ANSWER_CHANGED = "answer changed"
-"""Name of the event of a changed answer; its detail contains the item and both values."""
+"""Name of the event for a changed answer. Its detail contains the item and both values."""
 AFTER_BREAK = "after_break"
-"""The moment whose items a participant may answer several times in a session."""
+"""The moment after a break. A participant may answer its items several times in a session."""
 ANSWERED = "answered"
-"""Event of an answer about a session: its name is this word and the moment, and its detail is the item."""
+"""First word of the event name for an answer about a session; the second word is the moment. Detail: the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
-"""Names of two events: a trial was completed with unanswered items; the experimenter skipped these items."""
+"""Names of the events for a completed trial with unanswered items, and for items that the experimenter skipped."""
 
 
 def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store an answer to an item after a trial.
 
     Raises:
-        StudyError: for an invalid or second answer, or if the attempt is not running and has no open questionnaire.
+        StudyError: for an invalid or second answer. Also if the attempt is not running and has no open questionnaire.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -63,8 +63,8 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Replace the answer to an item. An event contains the earlier value.
 
     Raises:
-        StudyError: for an invalid answer, if the item was not answered, or if the attempt is not running and had no
-            open questionnaire.
+        StudyError: for an invalid answer, or if the item was not answered. Also if the attempt is not running and had
+            no open questionnaire.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -74,7 +74,10 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
-    """Replace the answer to an item about a session; see ``change_answer``."""
+    """Replace the answer to an item about a session. An event contains the earlier value.
+
+    ``when``: the moment of the answer, one of ``MOMENTS``. Raises the errors of ``change_answer``.
+    """
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
@@ -86,7 +89,7 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
     """Store an answer to an item before or after a session, or after a break.
 
-    ``when``: the moment, required if the item is shown at several moments.
+    ``when``: the moment, one of ``MOMENTS``; required if the item is shown at several moments.
 
     Raises:
         StudyError: for an invalid or second answer, or if the session is not open.
@@ -102,14 +105,14 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
-    """Returns the answers of the caregiver to their own questions about a session, by item."""
+    """Returns the caregiver's answers to the questions for caregivers about a session, by item."""
     with store.database.read() as connection:
         given = find_all(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
     return {each.item: each.value for each in given}
 
 
 def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> None:
-    """Store or change the answer of a caregiver to one of their own questions about a session. It may have ended.
+    """Store or change a caregiver's answer to a question for caregivers. The session may have ended.
 
     Raises:
         StudyError: for an invalid answer, or an unknown session.
@@ -129,10 +132,8 @@ def answer_moments(
 ) -> dict[int, str]:
     """Returns the moment (one of ``MOMENTS``) of each answer, by the answer's id.
 
-    Arguments must be in the order in which they were stored.
-
-    The event of an answer about a session contains the moment. Studies of earlier versions have no such events; the
-    moment is then taken from the design.
+    ``answers`` and ``events`` must be in the order of storage. The event of an answer about a session contains its
+    moment. Studies of earlier AVR Gym versions lack these events; the design then determines the moment.
     """
     of_events: dict[tuple[int | None, str], list[str]] = {}
     for event in events:
@@ -153,8 +154,7 @@ def answer_moments(
 
 
 def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
-    """Returns the ids of a session and of the interrupted sessions directly before it. Together, these sessions are one
-    visit.
+    """Returns the ids of the sessions in a visit: a session, and the interrupted sessions directly before it.
 
     ``sessions``: all sessions of a participant, in order.
     """
@@ -171,7 +171,7 @@ def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list
 def reconcile_answers(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
 ) -> list[Answer]:
-    """Store recorded answers that are not in the database. Returns stored answers that are not in the recording.
+    """Store recorded answers that the database lacks. Returns stored answers that the recording lacks.
 
     For each item, the source with more answers is newer, because answers are only added or changed.
     """
@@ -201,7 +201,7 @@ def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
-    """Returns the moment and item of each question about a session that was answered in the session's visit."""
+    """Returns moment and item of each answer about a session in the session's visit."""
     pseudonym = pseudonym_of(session.participant)
     visit = sessions_of_visit(store.sessions(pseudonym), session.id)
     answers = [
@@ -212,7 +212,7 @@ def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str
 
 
 def _only_moment(design: Design, item_id: str) -> str:
-    """Returns the moment of an item before or after a session; the first moment if the item has both."""
+    """Returns the moment of an item about a session. If the item has two moments, it is the first one."""
     questionnaire = design.questionnaire_of(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
@@ -225,7 +225,7 @@ def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttem
 
 
 def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Returns whether an attempt completed its trial and has unanswered items that were not skipped."""
+    """Returns whether an attempt completed its trial, but has unanswered items that were not skipped."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
         QUESTIONNAIRE_OPEN in names
@@ -323,10 +323,10 @@ def _respondent(connection: sa.Connection, session_id: int) -> str | None:
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:
-    """Raise ``StudyError`` unless the answer is valid for one of the items."""
+    """Raises ``StudyError`` unless the answer is valid for one of the items."""
     try:
         validate_answer(items, answer.item, answer.value)
     except ValueError as error:
         raise StudyError(str(error)) from None
     if not 0 <= answer.response_time_s < math.inf:
-        raise StudyError(f"response time is {answer.response_time_s!r}; allowed: seconds from 0")
+        raise StudyError(f"the response time is {answer.response_time_s!r} s; allowed: 0 s or more")

@@ -31,7 +31,7 @@ from avrgym.system.files import make_private_folder, write_new
 FILE = "study.db"
 BACKUPS = "backups"
 CHECKSUM_WAIT_S = 1.0
-"""Maximum time to wait for the database lock at the end of a process, in seconds."""
+"""Maximum time in seconds to wait for the database lock when the checksum is stored."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 OLDEST_REVISION = "0006_headset_check"
@@ -42,9 +42,9 @@ _LOCK = 0x41565247
 
 
 class Database:
-    """The database of a study. A transaction is on disk when it ends. Only one transaction writes at a time.
+    """The database of a study. A transaction is on disk when it ends. Write transactions never overlap.
 
-    ``read_only``: the folder cannot be written; SQLite then reads a copy of the database.
+    ``read_only``: the folder is read-only; SQLite then reads a copy of the database.
     """
 
     def __init__(self, folder: Path, url: str, *, read_only: bool = False, rebuild: bool = False) -> None:
@@ -53,7 +53,7 @@ class Database:
         Args:
             folder: the study's folder.
             url: URL of a PostgreSQL database; empty for SQLite.
-            read_only: reject writes.
+            read_only: reject write transactions.
             rebuild: create a database even if an earlier one was lost.
 
         Raises:
@@ -78,7 +78,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Generator[sa.Connection]:
-        """Context manager: a read transaction with a consistent snapshot of the database."""
+        """Context manager: a read transaction on a consistent snapshot of the database."""
         with self._begin() as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
@@ -86,14 +86,12 @@ class Database:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """Context manager: a write transaction, which is committed at the end, or rolled back after an error.
+        """Context manager: a write transaction. It is committed at the end, or rolled back after an error.
 
-        Rows must be written with the functions of ``hash_chain``. Write transactions never overlap.
+        Rows must be written with the functions of ``hash_chain``. Raises ``StudyError`` if the folder is read-only.
         """
         if self.read_only:
-            raise StudyError(
-                f"{self._folder} cannot be written: copy the study to a folder that can be written"
-            )
+            raise StudyError(f"{self._folder} cannot be written: copy the study to a writable folder")
         with self._write() as connection:
             yield connection
 
@@ -128,7 +126,7 @@ class Database:
             yield connection
 
     def reconcile(self) -> None:
-        """Make the database and the participation list consistent."""
+        """Make the participation list and the database consistent; see ``reconciliation``."""
         if self.read_only:
             return
         try:
@@ -145,7 +143,7 @@ class Database:
         """Overwrite the contents of deleted rows in the database's files.
 
         Raises:
-            StudyError: if another process uses the database; no data are lost then.
+            StudyError: if another process uses the database. The deleted contents then remain on disk.
         """
         with self._lock() as connection:
             self._invalidate_checksum(connection)
@@ -158,14 +156,14 @@ class Database:
                     connection.execute(sa.text("VACUUM FULL"))
 
     def faults(self) -> list[tuple[str, str]]:
-        """Returns the errors of the database, its rows and its integrity files, as pairs of place and message."""
+        """Returns the errors of the database, its rows and its integrity files, as pairs: place, message."""
         faults = [*self._integrity_faults(), *self._file_faults()]
         with self.read() as connection:
             faults += hash_chain.faults(connection)
         return faults
 
     def head(self) -> hash_chain.Head:
-        """Returns the head of the hash chain."""
+        """Returns the head of the hash chain: number and digest of its last entry."""
         with self.read() as connection:
             return hash_chain.head(connection)
 
@@ -195,7 +193,7 @@ class Database:
         self._wrote = not self.read_only
 
     def _store_integrity(self) -> None:
-        """Store the file's checksum and the last head of the hash chain. Keep stored heads that the chain lacks."""
+        """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks are kept."""
         with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
             with suppress(IntegrityFileError):
                 ends = hash_chain.missing_heads(connection, self._integrity.heads() or ())
@@ -247,12 +245,14 @@ class Database:
         if current == _scripts(MIGRATIONS).get_current_head():
             return
         if self.read_only and not self.is_sqlite:
-            raise StudyError(f"{self._folder} cannot be written, and the study's tables must be upgraded")
+            raise StudyError(
+                f"{self._folder} is read-only, but the study's tables must be upgraded; make it writable"
+            )
         with self._write() as connection:
             self._migrate(connection)
 
     def _refuse_if_emptied(self) -> None:
-        """Raise ``StudyError`` for empty tables if an earlier database was lost, for example after a killed rebuild."""
+        """Raises ``StudyError`` if the tables are empty because an earlier database was lost."""
         if self._rebuild:
             return
         try:
@@ -315,7 +315,7 @@ def _scripts(folder: Path) -> ScriptDirectory:
 
 
 def database_url(configured: str) -> str:
-    """Returns the URL of the study's database, from the environment variable or else from the design."""
+    """Returns the URL of the study's database: the environment variable, or the design's URL if it is not set."""
     url = os.environ.get(URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):
         raise StudyError(f"{URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name")
@@ -330,11 +330,11 @@ _SOMEBODY = sa.select(
         sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
     )
 )
-"""Query: whether the database has or had participants, was merged, or was rebuilt without participants."""
+"""Query: whether the database contains participants, deleted participants or sites, or was rebuilt."""
 
 
 def _refuse_if_lost(folder: Path, database: str, ignored: Collection[str] = ()) -> None:
-    """Raise ``StudyError`` if the folder contains traces of an earlier database that are not in ``ignored``."""
+    """Raises ``StudyError`` if the folder contains traces of an earlier database that are not in ``ignored``."""
     traces = [each for each in find_database_traces(folder) if each not in ignored]
     if traces:
         raise StudyError(
@@ -355,9 +355,9 @@ def _postgresql_engine(url: str) -> sa.Engine:
     try:
         return sa.create_engine(url.replace("postgresql://", "postgresql+psycopg://", 1), pool_pre_ping=True)
     except ModuleNotFoundError as error:
-        raise StudyError(f"{error.name} is missing; `pip install avrgym[postgresql]` installs it") from error
+        raise StudyError(f"{error.name} is missing; run `pip install avrgym[postgresql]`") from error
     except SQLAlchemyError as error:
-        raise StudyError(f"not a database URL: {error}") from error
+        raise StudyError(f"invalid database URL: {error}; allowed: postgresql://user@host/name") from error
 
 
 def _all_rows(connection: sa.Connection) -> dict[str, list[dict[str, Any]]]:

@@ -1,8 +1,8 @@
-"""The identity file: the only file with names of participants. Each entry is encrypted separately.
+"""The identity file: the only file with names and contacts of participants. Each entry is encrypted separately.
 
-``private/identities.json`` is in a folder that only its owner can open. The key is stored elsewhere, see
-``identity_keys``. The cipher is AES-256-GCM with a new nonce for each entry; each entry is bound to its pseudonym.
-Pseudonyms are not encrypted: an entry can be removed without the key. Writers must hold the database lock.
+It is ``private/identities.json``; only the folder's owner can open the folder. The key is stored elsewhere, see
+``identity_keys``. The cipher is AES-256-GCM with a new nonce for each entry. Each entry is bound to its pseudonym.
+Pseudonyms are not encrypted, so an entry can be removed without the key. Writers must hold the database lock.
 """
 
 import os
@@ -37,7 +37,11 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of the identity file. ``check`` is the encrypted ``format``; only the correct key can decrypt it."""
+    """Contents of the identity file.
+
+    ``key_source``: source of the key. ``check``: encrypted ``format``; only the correct key can decrypt it.
+    ``entries``: encrypted identities, by pseudonym.
+    """
 
     format: str
     key_source: KeySource = msgspec.field(name="lock")
@@ -46,7 +50,7 @@ class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_encrypted(path: Path) -> IdentityFile:
-    """Read the encrypted file without decryption. Raises ``StudyError`` if it is damaged."""
+    """Returns the contents of an identity file without decryption. Raises ``StudyError`` if the file is damaged."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
@@ -57,12 +61,12 @@ def read_encrypted(path: Path) -> IdentityFile:
 
 
 def to_bytes(file: IdentityFile) -> bytes:
-    """Encode the file's contents as bytes."""
+    """Returns the contents of an identity file as JSON."""
     return msgspec.json.format(msgspec.json.encode(file))
 
 
 def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
-    """Encrypt identities. Returns the contents of a new file. A missing key file is created."""
+    """Returns the contents of a new identity file with encrypted identities. A missing key file is created."""
     key = load_key(folder, key_source, create=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
     file = IdentityFile(FORMAT, key_source, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
@@ -71,7 +75,7 @@ def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identi
 
 
 def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
-    """Decrypt all entries. Returns identities by pseudonym.
+    """Returns the decrypted identities, by pseudonym.
 
     Raises:
         KeyUnavailable: if the key is missing or wrong.
@@ -82,7 +86,7 @@ def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """Returns the file with an added or replaced entry. Raises the errors of ``decrypt``."""
+    """Returns the file's contents with an added or replaced entry. Raises the errors of ``decrypt``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -90,13 +94,13 @@ def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Ident
 
 
 def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
-    """Returns the file without an entry. No key is needed."""
+    """Returns the file's contents without an entry. No key is needed."""
     entries = {name: data for name, data in file.entries.items() if name != pseudonym}
     return msgspec.structs.replace(file, entries=entries)
 
 
 def _checked(folder: Path, file: IdentityFile) -> bytes:
-    """Load the key and check that it is correct."""
+    """Returns the key. Raises ``KeyUnavailable`` if it is missing or wrong."""
     key = load_key(folder, file.key_source)
     try:
         _decrypt_bytes(key, FORMAT, file.check)
@@ -118,7 +122,7 @@ def _decrypt(key: bytes, pseudonym: str, data: str) -> Identity:
     try:
         return msgspec.json.decode(_decrypt_bytes(key, pseudonym, data), type=Identity)
     except (InvalidTag, msgspec.DecodeError, UnicodeDecodeError):
-        raise StudyError(f"the identity of {pseudonym} is damaged or was changed") from None
+        raise StudyError(f"the identity of {pseudonym} is damaged or was changed; restore a backup") from None
 
 
 def _encrypt_bytes(key: bytes, bound_to: str, data: bytes) -> str:
@@ -140,7 +144,7 @@ _NEW = f"{FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
-    """Returns the path of the identity file: the encrypted file, or the unencrypted file if only this file exists."""
+    """Returns the path of the encrypted identity file, or of the unencrypted file if only this file exists."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
 
@@ -152,13 +156,13 @@ def plain_path(folder: Path) -> Path | None:
 
 
 def key_source(folder: Path) -> KeySource | None:
-    """Returns the key source of the encrypted identity file; ``None`` without such a file."""
+    """Returns the key source of the encrypted identity file; ``None`` if the file does not exist."""
     path = folder / FOLDER / FILE
     return read_encrypted(path).key_source if path.exists() else None
 
 
 def named_pseudonyms(folder: Path) -> set[str]:
-    """Returns the pseudonyms that have an entry. No key is needed. Raises ``StudyError`` if the file is damaged."""
+    """Returns the pseudonyms in the identity file. No key is needed. Raises ``StudyError`` if the file is damaged."""
     path = identity_path(folder)
     if not path.exists():
         return set()
@@ -166,7 +170,7 @@ def named_pseudonyms(folder: Path) -> set[str]:
 
 
 def read_identities(folder: Path) -> dict[str, Identity]:
-    """Read all identities, by pseudonym.
+    """Returns all identities, by pseudonym.
 
     Raises:
         KeyUnavailable: if the key is missing or wrong.
@@ -179,7 +183,10 @@ def read_identities(folder: Path) -> dict[str, Identity]:
 
 
 def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or replace an entry. Raises the errors of ``read_identities``. An unencrypted file stays unencrypted."""
+    """Add or replace a participant's entry. An unencrypted file stays unencrypted.
+
+    Raises the errors of ``read_identities``.
+    """
     create_if_missing(folder)
     path = identity_path(folder)
     if path.name == PLAIN:
@@ -189,7 +196,7 @@ def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
 
 
 def create_if_missing(folder: Path) -> None:
-    """Create an empty identity file if there is none. Its key is a known passphrase, or else a key file.
+    """Create an empty identity file if none exists. Its key source is the known passphrase, or a new key file.
 
     Raises:
         StudyError: if the key cannot be created.
@@ -202,7 +209,7 @@ def create_if_missing(folder: Path) -> None:
 
 
 def remove_entry(folder: Path, pseudonym: str) -> None:
-    """Remove an entry, and all temporary files that may contain it. No key is needed."""
+    """Remove a participant's entry, and all temporary files that may contain it. No key is needed."""
     remove_unfinished(folder)
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
@@ -213,7 +220,7 @@ def remove_entry(folder: Path, pseudonym: str) -> None:
 
 
 def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
-    """Encrypt the names with a new key. The unencrypted file is removed after the encrypted file was verified.
+    """Encrypt the identity file with a new key. An unencrypted file is removed after verification.
 
     Args:
         folder: the study's folder.
@@ -227,13 +234,13 @@ def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Ide
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find the cause and remove it. Nothing was "
+            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find the cause and correct it. Nothing was "
             "changed"
         )
     _write(folder, _NEW, to_bytes(encrypt(folder, key_source, present)))
     new = folder / FOLDER / _NEW
     if decrypt(folder, read_encrypted(new)) != present:
-        raise StudyError(f"{new} could not be verified. Nothing was changed")
+        raise StudyError(f"{new} could not be verified. Nothing was changed; run the command again")
     os.replace(new, folder / FOLDER / FILE)
     if plain:
         remove_unfinished(folder)

@@ -1,4 +1,4 @@
-"""The key that encrypts a study's names. Its source is a passphrase, or a key file outside the study.
+"""The key that encrypts participants' names. Its source is a passphrase, or a key file outside the study.
 
 By default, the key file is in the user's data folder. For servers, an environment variable contains the passphrase or
 the path of the key file. If the key is lost, the names are lost, but no other data.
@@ -17,7 +17,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private_folder, user_data_folder, write_new
 
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
-"""Names of environment variables."""
+"""Environment variables with the passphrase, and with the path of the key file."""
 MIN_PASSPHRASE_LENGTH = 8
 """Minimum number of characters of a passphrase."""
 SCRYPT_COST = 1 << 17
@@ -28,11 +28,14 @@ _given: dict[Path, str] = {}
 
 
 class KeyUnavailable(StudyError):
-    """The key of the identity file is missing or wrong. Nothing was changed."""
+    """Raised if the key of the identity file is missing or wrong. Nothing was changed."""
 
 
 class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Source of an identity file's key. ``salt`` (hexadecimal) is also the name of a key file."""
+    """Source of an identity file's key.
+
+    ``salt``: hexadecimal; it is also the name of a key file. ``cost``: parameter n of scrypt; 0 for a key file.
+    """
 
     kind: Literal["passphrase", "file"]
     salt: str
@@ -52,18 +55,18 @@ def set_passphrase(folder: Path, passphrase: str) -> None:
 
 
 def known_passphrase(folder: Path) -> str | None:
-    """Returns the passphrase of the study in a folder; ``None`` if this process does not have it."""
+    """Returns the passphrase of the study in a folder; ``None`` if neither this process nor the environment has it."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
 def check_passphrase(passphrase: str) -> None:
-    """Raise ``StudyError`` if the passphrase is too short."""
+    """Raises ``StudyError`` if the passphrase is too short."""
     if len(passphrase) < MIN_PASSPHRASE_LENGTH:
         raise StudyError(f"the passphrase is too short; allowed: at least {MIN_PASSPHRASE_LENGTH} characters")
 
 
 def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
-    """Load the key. With ``create``, a missing key file is created.
+    """Returns the key (32 bytes). With ``create``, a missing key file is created.
 
     Raises:
         KeyUnavailable: if the passphrase or the key file is missing.
@@ -91,7 +94,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
 
 
 def key_file_path(source: KeySource) -> Path:
-    """Returns the path of the key file of a key source."""
+    """Returns the path of the key file: the environment variable, or a file in the user's data folder."""
     named = os.environ.get(KEY_FILE)
     return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
 

@@ -1,8 +1,8 @@
-"""Versions of questionnaire items, and the version to which each answer belongs.
+"""Versions of questionnaire items, and the version that belongs to each answer.
 
-Two items are the same version if their text, scale and end labels are the same in all languages. A changed item has the
-name ``L1 (version 2)`` in tables, tests and figures: answers to different versions are never pooled. If an item of a
-validated questionnaire changes, all its items become a new version with separate scores.
+Two items are the same version if their text, scale and end labels are the same in all languages. A changed item ``L1``
+has the name ``L1 (version 2)`` in tables, tests and figures. Answers to different versions are never pooled. If one
+item of a validated questionnaire changes, all its items become new versions with separate scores.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,8 +36,8 @@ class ItemVersion:
     """A version of an item.
 
     ``item``: the item with the name of this version. ``base_name``: the item's name in the design. ``number``: number
-    of the version, from 1. ``texts``: the item with its texts in each language. ``answer_counts``: number of answers
-    by participant.
+    of the version, from 1. ``questionnaire``: name of the questionnaire. ``texts``: the translated item, by language.
+    ``answer_counts``: number of answers, by pseudonym.
     """
 
     item: Item
@@ -50,7 +50,7 @@ class ItemVersion:
 
 @dataclass(frozen=True)
 class ParticipantItems:
-    """The item versions that a participant read, by name in the design."""
+    """The item versions that a participant read. ``versions``: by the item's name in the design."""
 
     versions: Mapping[str, ItemVersion]
 
@@ -77,7 +77,7 @@ class ItemCatalogue:
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> ParticipantItems:
-        """Returns the item versions of a design in a language. New versions are added."""
+        """Adds the items of a design in a language. Returns the version of each item."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
@@ -93,7 +93,11 @@ class ItemCatalogue:
     def version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
     ) -> ItemVersion:
-        """Returns the version of an item. If the item or its text in this language is new, a version is added."""
+        """Returns the version of an item. A new version is added if the item or its text in this language is new.
+
+        ``words``: the item with its texts in the language. ``questionnaire``: name of the questionnaire version.
+        ``questionnaire_number``: number of this version; 0 if the questionnaire is not validated.
+        """
         versions = self._versions.setdefault(item.id, [])
         for known, known_number, version in versions:
             if (known, known_number) == (item, questionnaire_number) and version.texts.setdefault(
@@ -107,7 +111,7 @@ class ItemCatalogue:
         return version
 
     def add(self, questionnaire: Questionnaire) -> None:
-        """Add a questionnaire. If its name exists, only add its new items and moments."""
+        """Add a questionnaire. If the catalogue contains its name, add only its new items and moments."""
         known = self.questionnaires.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
@@ -131,9 +135,7 @@ class ItemCatalogue:
 
 
 def version_name(name: str, version: int) -> str:
-    """Returns the name of a version of an item or questionnaire. The first version has the same name as in the
-    design.
-    """
+    """Returns the name of a version of an item or questionnaire. The first version has the name in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 
@@ -143,7 +145,7 @@ def base_name(name: str) -> str:
 
 
 def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
-    """Returns the design with all item versions that participants read, in the design's order."""
+    """Returns the design with all item versions of a catalogue, in the design's order."""
     versions = {version.item.id: version for version in catalogue.versions}
     answered = {version.base_name for version in versions.values()}
     combined = ItemCatalogue()
@@ -180,12 +182,12 @@ def _places(design: Design) -> dict[str, int]:
 
 
 NOT_STORED = "unknown"
-"""Name of the questionnaire of items without a stored text."""
+"""Name of the questionnaire for items without a stored text."""
 UNKNOWN = "(neither the database nor a recording contains its text)"
 
 
 class AnsweredItems:
-    """Find the item version of each answer, for all participants or for some."""
+    """The item version of each answer. ``participants``: only answers of these participants; default: all."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
@@ -204,7 +206,7 @@ class AnsweredItems:
 
     @property
     def design(self) -> Design:
-        """The study's design with all answered item versions."""
+        """The study's current design with all answered item versions."""
         return design_with_versions(self._store.design, self._catalogue)
 
     @property
@@ -225,11 +227,11 @@ class AnsweredItems:
         return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
 
     def value(self, answer: StudyAnswer) -> int:
-        """Returns the value of an answer on its item's scale."""
+        """Returns the value of an answer on its item's response scale."""
         return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
     def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> ParticipantItems:
-        """Returns the item versions of a design for a participant."""
+        """Returns the item versions of a design in the participant's language."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
@@ -256,7 +258,7 @@ class AnsweredItems:
 
 
 class _ParticipantItems:
-    """Find the item of each answer of a participant, in the database or else in the trial's recording."""
+    """Finds the item versions that a participant read, in the database or in the trial's recording."""
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
 """The participation list: a signed file next to the database, with every change of a participant's state.
 
-``participation.jsonl`` survives the loss of the database, so withdrawals, exclusions and deletions are not lost. An
-entry is written before its transaction is committed: a crash between the two loses no withdrawal. The digest of each
-entry covers the previous entry (hash chain), and the user's key signs each digest. After the deletion of a participant,
-the contents of the participant's entries are erased, but not their checksums and digests.
+If the database is lost, ``participation.jsonl`` still contains withdrawals, exclusions and deletions. An entry is
+written before its transaction is committed, so a crash loses no withdrawal. The digest of each entry covers the
+previous entry (hash chain), and the user's key signs each digest. When a participant is deleted, the contents of the
+participant's entries are erased, but not their checksums and digests.
 """
 
 import os
@@ -24,23 +24,27 @@ from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
 FILE = "participation.jsonl"
 INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
-"""File names of renamed invalid lists; earlier versions used the suffix ``unsound``."""
+"""Pattern of the file names of renamed invalid lists. Earlier versions used the suffix ``unsound``."""
 DELETED = "deleted"
-"""State of a deleted participant in the list."""
+"""State of a participant whose data were deleted. Only the list contains it."""
 FINAL_STATES = ("withdrawn", "excluded", DELETED)
-"""Final states. If the database lacks such a state, it is restored from the list."""
+"""Final states of a participant. If the database lacks a final state, it is restored from the list."""
 LIST_BEGUN, LIST_COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
-"""Name of the event: a lost database was rebuilt from the recordings.
+"""Name of the event for the rebuild of a lost database from the recordings.
 
-An entry without a participant contains ``LIST_BEGUN``, ``LIST_COMPARED`` or ``REBUILT``.
+An entry without a participant contains one of the events ``LIST_BEGUN``, ``LIST_COMPARED`` and ``REBUILT``.
 """
 
 Content = Mapping[str, Any]
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line of the file. ``participant`` is a number; ``None`` for entries about the list or the database."""
+    """An entry of the participation list: one line of the file.
+
+    ``participant``: participant number; ``None`` for an entry about the list or the database. ``content``: ``None``
+    after erasure. ``sha256``: checksum of the content. ``key``: public key. ``signature``: signature of the digest.
+    """
 
     number: int
     participant: int | None
@@ -53,9 +57,9 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Participation:
-    """Contents of a participation list.
+    """Entries of a participation list.
 
-    ``fault``: why the list is invalid, such as "is empty"; empty for a valid list.
+    ``fault``: reason why the list is invalid, such as "is empty"; empty for a valid list.
     """
 
     entries: tuple[Entry, ...]
@@ -63,27 +67,27 @@ class Participation:
 
     @cached_property
     def latest(self) -> Mapping[int, Content]:
-        """Latest content about each participant, by number."""
+        """Content of each participant's latest entry, by participant number."""
         return {each.participant: each.content for each in self.entries if each.participant and each.content}
 
     @cached_property
     def without_participant(self) -> Sequence[Content]:
-        """Returns the entries that concern no participant, in the order of the file."""
+        """Contents of the entries without a participant, in the order of the file."""
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
     def chain_ids(self) -> set[str | None]:
-        """Ids (first digests) of all hash chains to which the list has belonged."""
+        """Ids of all database hash chains to which the list has belonged. The id is the first digest of a chain."""
         return {each.get("ledger") for each in self.without_participant}
 
     @property
     def chain_id(self) -> str | None:
-        """Id of the hash chain to which the list belongs; ``None`` if unknown."""
+        """Id of the database hash chain to which the list belongs; ``None`` if unknown."""
         return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
 
     @property
     def begun_at(self) -> str:
-        """Time of the first entry."""
+        """Time of the list's first entry."""
         return self.without_participant[0]["at"]
 
     @property
@@ -92,11 +96,11 @@ class Participation:
         return self.entries[0].digest
 
     def rebuilds(self) -> list[Content]:
-        """Returns the contents of all entries about rebuilds of the database."""
+        """Returns the contents of the entries about rebuilds of the database."""
         return [each for each in self.without_participant if each["event"] == REBUILT]
 
     def consents(self, participant: int) -> list[RecordedConsent]:
-        """Returns all consents of a participant."""
+        """Returns all consents of a participant. ``participant``: participant number."""
         own = [each.content for each in self.entries if each.participant == participant and each.content]
         return [
             RecordedConsent(
@@ -110,12 +114,12 @@ class Participation:
         ]
 
     def is_signed_by_user(self) -> bool:
-        """Returns whether this user's key signed the last entry, whose digest covers all others."""
+        """Returns whether this user's key signed the last entry. The digest of this entry covers all others."""
         own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
     def contains(self, digest: str) -> bool:
-        """Returns whether an entry has this digest."""
+        """Returns whether the list contains an entry with this digest."""
         return any(each.digest == digest for each in reversed(self.entries))
 
 
@@ -128,11 +132,11 @@ class ParticipationList:
 
     @property
     def path(self) -> Path:
-        """Path of the file."""
+        """Path of the list's file."""
         return self._folder / FILE
 
     def read(self) -> Participation | None:
-        """Read the list; ``None`` if the file does not exist."""
+        """Returns the entries of the list; ``None`` if the file does not exist."""
         try:
             version = self._version()
         except FileNotFoundError:
@@ -142,7 +146,10 @@ class ParticipationList:
         return self._known[1]
 
     def append(self, contents: Sequence[tuple[int | None, Content]]) -> None:
-        """Append entries and sync them to disk. Raises ``OSError`` if this fails."""
+        """Append entries and flush them to disk. Raises ``OSError`` if the file cannot be written.
+
+        ``contents``: participant number (or ``None``) and content of each entry.
+        """
         before = self.read() or Participation(())
         entries = [*before.entries]
         for participant, content in contents:
@@ -162,7 +169,7 @@ class ParticipationList:
         signing.store_last_entry(self._folder, after.list_id, entries[-1].digest)
 
     def store_last_entry(self) -> None:
-        """Store the list's last entry in the user's data folder if no entry of this list is stored there."""
+        """Store the list's last entry in the user's data folder, unless the folder already has one of this list."""
         known, end = self.read(), signing.last_entry(self._folder)
         if known is None or known.fault or not known.is_signed_by_user():
             return
@@ -170,7 +177,7 @@ class ParticipationList:
             signing.store_last_entry(self._folder, known.list_id, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
-        """Erase the contents of all entries about a participant except the last entry.
+        """Erase the contents of a participant's entries, except the last entry. Also remove renamed invalid lists.
 
         Checksums and digests are not changed.
         """
@@ -190,7 +197,7 @@ class ParticipationList:
             write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
 
     def rename_invalid(self) -> None:
-        """Rename an invalid list. The next entry starts a new list."""
+        """Rename the file of an invalid list. The next ``append`` starts a new list."""
         numbers = [_copy_number(path) for path in self.invalid_copies()]
         os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 
@@ -221,7 +228,7 @@ def content_of(state: str, at: str, **values: Any) -> Content:
 
 
 def has_same_content(content: Content, other: Content | None) -> bool:
-    """Returns whether two contents are equal, apart from time and salt."""
+    """Returns whether two contents are equal. Time and salt are ignored."""
     return other is not None and _without_time(content) == _without_time(other)
 
 
@@ -253,7 +260,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def _parsed(data: bytes) -> Participation:
-    """Parse the entries up to the first damaged one. An unfinished last line is ignored."""
+    """Returns the entries up to the first damaged entry. An unfinished last line is ignored."""
     entries: list[Entry] = []
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:

@@ -1,7 +1,8 @@
 """Keep the participation list and the database consistent.
 
-Each transaction appends its changes to the list. When a study is opened, missing entries are appended to the list. If
-an older copy replaced the database, withdrawals, exclusions and deletions are restored from the list.
+Each transaction appends its changes to the list. When a study is opened, missing entries are appended to the list.
+Withdrawals, exclusions and deletions that the database lacks are restored from the list. They are missing if an older
+copy replaced the database.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -26,9 +27,9 @@ from avrgym.study.storage.participation import (
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
 STATE_RESTORED = "participation restored"
-"""Name of the event: a final state was restored from the participation list."""
+"""Name of the event for a final state that was restored from the participation list."""
 STUDY_SET_BACK = "participation list set back"
-"""Name of the event: the study is an older copy than the last one that this computer opened."""
+"""Name of the event for a study that is an older copy than the last one on this computer."""
 _COLUMNS = (
     "simulated",
     "site",
@@ -42,23 +43,26 @@ _COLUMNS = (
     "consent_version",
     "consent_sha256",
 )
-"""A participant's fields in the list, in addition to the state."""
+"""Fields of a participant in the list, in addition to the state."""
 
 Contents = Mapping[int, Content]
 
 
 def participant_values(content: Content) -> dict[str, Any]:
-    """Returns the values for a participant's row in the content of an entry, without the state."""
+    """Returns the values of a participant's row from the content of a list entry, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
 
-# Following transactions
+# Changes of a transaction
 
 
 def append_transaction(
     known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]
 ) -> None:
-    """Append the changes of a transaction to the list. Must be called before the commit."""
+    """Append the changes of a transaction to the list, before the commit.
+
+    ``written``: table and primary key of each row that the transaction wrote.
+    """
     numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
     events = {key for name, key in written if name == EVENT.name}
     rebuilt = list(_rebuilds(connection, events)) if events else []
@@ -98,9 +102,7 @@ def _append(
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Returns whether a content differs from the latest one of the participant and may replace it. Final states
-    stay.
-    """
+    """Returns whether a participant's content is new and may be appended. A final state is never replaced."""
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL_STATES and content["state"] not in FINAL_STATES:
         return False
@@ -114,8 +116,9 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """Returns the contents of entries about participants and deleted participants. Numbers select some of them;
-    default: all.
+    """Returns the contents of list entries about participants and deleted participants, by participant number.
+
+    ``participants`` and ``tombstones``: only these numbers; default: all.
     """
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
@@ -142,7 +145,7 @@ def _without_participant(connection: sa.Connection, event: str, at: str, detail:
 
 
 def chain_id(connection: sa.Connection) -> str | None:
-    """Returns the id of the database's hash chain: its first digest; ``None`` for an empty chain."""
+    """Returns the id of the database's hash chain, which is its first digest; ``None`` for an empty chain."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
 
@@ -162,9 +165,9 @@ def _all(
 class Differences:
     """Differences between participation list and database when a study is opened.
 
-    ``begin``: why a new list is started; ``None`` if not. ``restored``: final states that only the list contains, by
-    participant number. ``missing``: states of participants that only the database contains, by participant number.
-    ``set_back``: the list is an older copy; it lacks the last entry that this computer stored. ``is_unsigned``: the
+    ``begin``: reason to start a new list; ``None`` if the list is valid. ``restored``: final states that only the list
+    contains, by participant number. ``missing``: states that only the database contains, by participant number.
+    ``set_back``: the list is an older copy and lacks the last entry that this computer stored. ``is_unsigned``: the
     list matches the database, but this user has not signed it.
     """
 
@@ -179,7 +182,7 @@ class Differences:
 
 
 def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
-    """Compare list and database. Rows that another program changed are ignored."""
+    """Returns the differences between list and database. Rows that another program changed are ignored."""
     everybody = _contents(connection)
     unchanged_keys = hash_chain.unchanged_keys(connection, PARTICIPANT)
     edited = {number for number, each in everybody.items() if each["state"] != DELETED} - unchanged_keys
@@ -207,7 +210,7 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
-    """Returns whether the database lacks a final state. Without a row, only a deletion can be missing."""
+    """Returns whether the database lacks a final state. ``found``: the participant's content in the database."""
     if found is None:
         return final["state"] == DELETED
     return found["state"] not in FINAL_STATES

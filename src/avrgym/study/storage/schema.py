@@ -32,9 +32,7 @@ def now() -> str:
 
 
 def new_salt() -> str:
-    """Returns a random salt for a row. With it, the checksum of a deleted row reveals nothing about the row's
-    contents.
-    """
+    """Returns a random salt for a row. Without the salt, nobody can guess the row's contents from its checksum."""
     return token_hex(16)
 
 
@@ -50,7 +48,7 @@ STUDY = Table(
     Column("protocol", JSON, nullable=False),
     _salt(),
 )
-"""One row: the design fields that must not change."""
+"""One row: the design fields that determine trial orders. They must not change after the first allocation."""
 
 PARTICIPANT = Table(
     "participant",
@@ -74,13 +72,11 @@ PARTICIPANT = Table(
     Column("respondent", String),
     _salt(),
 )
-"""``functioning``: answers about disability, diagnosis and assistive devices. ``input_profile``: how the participant
-selects and stops, see ``recording.input_profile``.
+"""Participants, see ``rows.Participant``.
 
-``respondent``: ``proxy`` if a proxy answers the questionnaires for the participant.
-
-``language``: language of the texts. ``site``: the participant's site. ``site_number``: in a merged study, the number
-at that site.
+``functioning``: answers about disability, diagnosis and assistive devices. ``input_profile``: input devices and
+actions, see ``recording.input_profile``. ``respondent``: ``proxy`` if a proxy answers the questionnaires.
+``language``: language of the texts. ``site_number``: participant number at the site, in a merged study.
 """
 
 SESSION = Table(
@@ -98,7 +94,7 @@ SESSION = Table(
     _salt(),
     UniqueConstraint("participant", "number"),
 )
-"""``headset_check``: results of the latest headset check, in the format of ``vr.headset_check``."""
+"""Sessions. ``headset_check``: results of the latest headset check, in the format of ``vr.headset_check``."""
 
 DESIGN = Table(
     "design",
@@ -111,7 +107,7 @@ DESIGN = Table(
     Column("wordings", JSON, nullable=False),
     _salt(),
 )
-"""The design at the start of a session; without a session, at the admission of a participant.
+"""The design at the start of a session, or at the inclusion of a participant (``session`` is null).
 
 ``wordings`` contains the texts that participants read in each language, see ``design.comparison``.
 """
@@ -149,8 +145,10 @@ ATTEMPT = Table(
     _salt(),
     UniqueConstraint("trial", "number"),
 )
-"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m``: torso height of the simulated body.
-``input_profile``: the participant's input profile at the start of the attempt.
+"""Attempts at trials. ``recording``: path relative to the study's folder, with ``/``.
+
+``torso_height_m``: torso height of the simulated body. ``input_profile``: the participant's input profile at the start
+of the attempt.
 
 The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """
@@ -169,9 +167,9 @@ ANSWER = Table(
     _salt(),
     UniqueConstraint("attempt", "item"),
 )
-"""An answer without an attempt is about the whole session.
+"""Answers to items. An answer without an attempt is about the whole session.
 
-``respondent``: ``proxy`` or ``caregiver``; without a value, the participant.
+``respondent``: ``proxy`` or ``caregiver``; null for the participant.
 """
 
 EVENT = Table(
@@ -229,7 +227,7 @@ CONSENT_TEXT = Table(
     Column("text", String, nullable=False),
     _salt(),
 )
-"""Archive of the consent texts that participants read. A text is stored at its first use and never changed."""
+"""Consent texts that participants read. A text is stored at its first use and never changed."""
 
 CONSENT = Table(
     "consent",
@@ -244,8 +242,9 @@ CONSENT = Table(
     Column("role", String),
     _salt(),
 )
-"""All decisions about consent texts, in order. ``sha256``: checksum of the text. ``role``:
-``proxy`` for a representative's consent, ``assent`` for the participant's assent to it; without a value, the
+"""All decisions about consent texts, in order. ``sha256``: checksum of the text.
+
+``role``: ``proxy`` for a representative's consent, ``assent`` for the participant's assent to it; null for the
 participant's own consent.
 
 The participant's row also contains the latest consent.
@@ -261,8 +260,10 @@ LINK = Table(
     Column("role", String),
     _salt(),
 )
-"""Session links of participants, and with the role ``caregiver`` those of caregivers. Only the latest link of an open
-session is valid for a participant."""
+"""Checksums of session links. ``role``: ``caregiver``; null for the participant's link.
+
+Only the latest link of an open session is valid for a participant.
+"""
 
 INVITATION = Table(
     "invitation",
@@ -305,7 +306,7 @@ TOMBSTONE = Table(
     Column("deleted_at", String, nullable=False),
     _salt(),
 )
-"""Deleted participants. Their numbers are never used again."""
+"""Participants whose data were deleted. Their numbers are never used again."""
 
 SITE = Table(
     "site",
@@ -317,7 +318,7 @@ SITE = Table(
     _salt(),
     UniqueConstraint("name"),
 )
-"""Sites of a merged study, with the head of each site's hash chain at the latest merge."""
+"""Sites of a merged study, with the last entry of each site's hash chain at the latest merge."""
 
 EXPERIMENTER = Table(
     "experimenter",
@@ -348,7 +349,7 @@ LOG = Table(
 )
 """The audit log: actions with person and time. Rows are never changed or deleted.
 
-For a view of results, ``completed`` and ``planned`` are the numbers of participants at that time.
+``completed`` and ``planned``: numbers of participants when the person viewed results.
 """
 
 LEDGER = Table(

@@ -1,4 +1,4 @@
-"""Time in VR, breaks and trials of each session."""
+"""Time in VR, breaks and completed trials of each session."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from avrgym.study.storage.rows import StudyEvent, StudySession, pseudonym_of
 from avrgym.study.storage.store import Store
 
 HEADSET_USED, BREAK_BEGUN = "headset used", "break begun"
-"""Names of the events with a time in VR, and of the begin of a break."""
+"""Names of the events for a time in VR, and for the start of a break."""
 
 
 @dataclass(frozen=True)
 class SessionSummary:
-    """One session. ``minutes``: time in VR. ``trials``: trials completed in it. ``breaks``: number of breaks."""
+    """Summary of a session. ``trials``: number of completed trials. ``minutes``: time in VR. ``breaks``: number."""
 
     number: int
     opened_at: str
@@ -25,7 +25,7 @@ class SessionSummary:
 
 
 def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
-    """Returns the sessions of a participant, in order."""
+    """Returns a summary of each session of a participant, in order."""
     events = store.events()
     completed = [each.session for each in store.attempts(pseudonym) if each.state == "completed"]
     return [
@@ -43,7 +43,7 @@ def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
 
 
 def earlier_headset_s(store: Store, session: StudySession) -> float:
-    """Returns the time in VR in seconds of the interrupted sessions that a session continues."""
+    """Returns the time in VR (s) in the interrupted sessions directly before a session."""
     sessions = store.sessions(pseudonym_of(session.participant))
     return _headset_s(store.events(), set(sessions_of_visit(sessions, session.id)) - {session.id})
 

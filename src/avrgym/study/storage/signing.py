@@ -1,7 +1,7 @@
-"""The user's signing key (Ed25519), and the last entry of each participation list that the user wrote.
+"""The user's signing key (Ed25519), and the last entry that the user wrote in each participation list.
 
-Both are in the user's data folder, outside all studies. They reveal a list that was edited, or that was replaced by an
-older copy or by another study's list.
+Both are in the user's data folder, outside all studies. They reveal an edited list, an older copy of a list, and the
+list of another study.
 """
 
 import hashlib
@@ -28,7 +28,10 @@ _STUDIES = "studies"
 
 
 class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
-    """The last list entry that this user wrote: folder of the study, id of the list, and digest of the entry."""
+    """The last entry that this user wrote in a participation list.
+
+    ``folder``: folder of the study. ``list_id``: id of the list. ``digest``: digest of the entry.
+    """
 
     folder: str
     list_id: str
@@ -36,7 +39,7 @@ class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
 
 
 def user_key() -> Ed25519PrivateKey | None:
-    """Returns the user's signing key. A missing key is created. ``None`` if no key can be read or written."""
+    """Returns the user's signing key; ``None`` if it cannot be read or written. A missing key is created."""
     try:
         return _key_in(user_data_folder())
     except (OSError, ValueError):
@@ -86,7 +89,7 @@ def is_signed(public: str, signature: str, text: str) -> bool:
 
 
 def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
-    """Store the last entry of a study's participation list. Errors are ignored."""
+    """Store the last entry of a study's participation list in the user's data folder. Errors are ignored."""
     known = LastEntry(str(folder.resolve()), list_id, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
@@ -95,14 +98,14 @@ def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
 
 
 def last_entry(folder: Path) -> LastEntry | None:
-    """Returns the stored last entry for the study in a folder; ``None`` if there is none."""
+    """Returns the stored last entry of the study in a folder; ``None`` if none is stored."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
 def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
-    """Returns the stored last entry of a list, if the study's folder was moved; otherwise ``None``."""
+    """Returns the stored last entry of a list whose study's folder no longer exists; otherwise ``None``."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

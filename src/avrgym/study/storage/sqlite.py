@@ -16,11 +16,11 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import private_opener
 
 LOCK_TIMEOUT_S = 60
-"""Maximum time to wait for the write lock, in seconds."""
+"""Maximum time in seconds to wait for the write lock."""
 _LOG = "-wal"
 _PRAGMAS = ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON")
 _COMPILED: dict[Any, Any] = {}
-"""Compiled statements. All databases of the process share them and one SQL dialect."""
+"""Compiled SQL statements, shared by all databases of the process."""
 
 
 def make_engine(path: Path) -> sa.Engine:
@@ -62,9 +62,9 @@ def _template() -> sa.Engine:
 
 
 def database_checksum(connection: sa.Connection) -> str:
-    """Returns the SHA-256 of the database's file, including its write-ahead log.
+    """Returns the SHA-256 (hexadecimal) of an open database, including its write-ahead log.
 
-    The file is read through SQLite, because closing another file handle would release SQLite's locks.
+    SQLite reads the file, because closing another file handle would release SQLite's locks.
     """
     driver = connection.connection.driver_connection
     assert isinstance(driver, sqlite3.Connection)
@@ -72,13 +72,13 @@ def database_checksum(connection: sa.Connection) -> str:
 
 
 def checksum_at_rest(path: Path) -> str:
-    """Returns the SHA-256 of a database without open connections. Raises ``sqlite3.Error`` if it cannot be read."""
+    """Returns the SHA-256 (hexadecimal) of a closed database. Raises ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
 def faults(connection: sa.Connection) -> list[str]:
-    """Returns the errors that SQLite's own checks report."""
+    """Returns the errors that SQLite's integrity checks report."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     return [text for text in found if text != "ok"] + [
@@ -87,26 +87,29 @@ def faults(connection: sa.Connection) -> list[str]:
 
 
 def erase_traces(path: Path) -> None:
-    """Rewrite the file without the contents of deleted rows. Raises ``StudyError`` if another process uses the file."""
+    """Rewrite a database file without the contents of deleted rows.
+
+    Raises ``StudyError`` if another process uses the file.
+    """
     with closing(sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)) as connection:
         connection.execute("PRAGMA secure_delete = ON")
         connection.execute("VACUUM")
         busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if busy:
         raise StudyError(
-            "another program uses the study, and deleted data can still be recovered: stop it and delete again"
+            "another program uses the study, so deleted data can still be recovered: stop it, then delete again"
         )
 
 
 def back_up(source: Path, target: Path) -> None:
-    """Copy a database. Other processes may use the database at the same time."""
+    """Copy a database to a new file. Other processes may use the database during the copy."""
     open(target, "xb", opener=private_opener).close()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         old.backup(new)
 
 
 def copy_at_rest(source: Path, folder: Path) -> None:
-    """Copy a read-only database and its write-ahead log into a folder."""
+    """Copy a closed database and its write-ahead log into a folder."""
     for path in (source, source.with_name(source.name + _LOG)):
         if path.exists():
             shutil.copyfile(path, folder / path.name)
@@ -115,7 +118,7 @@ def copy_at_rest(source: Path, folder: Path) -> None:
 def _write_ahead(connection: sqlite3.Connection) -> None:
     """Enable the write-ahead log.
 
-    If another process creates the same file, wait for it; SQLite itself does not wait.
+    If another process is creating the same file, retry for up to ``LOCK_TIMEOUT_S``; SQLite does not wait here.
     """
     ends_s = time.monotonic() + LOCK_TIMEOUT_S
     while True:

@@ -74,10 +74,12 @@ TABLES: Mapping[type, sa.Table] = {
 
 
 def create_study(folder: Path) -> Path:
-    """Write ``study.toml`` with the paper's protocol into a folder. Returns its path. A missing folder is created.
+    """Write ``study.toml`` with the paper's protocol into a folder. Returns the file's path.
+
+    A missing folder is created.
 
     Raises:
-        StudyError: if the folder contains a study; nothing is changed then.
+        StudyError: if the folder already contains files of a study. Nothing is changed then.
         OSError: if the file cannot be written.
     """
     names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.FOLDER)
@@ -91,7 +93,7 @@ def create_study(folder: Path) -> Path:
 
 
 class Store:
-    """An open study. Methods of this class read rows; the packages ``people`` and ``sessions`` change rows.
+    """An open study. Its methods read rows; the packages ``people`` and ``sessions`` change rows.
 
     ``folder``: the study's folder. ``station``: name of this computer. A study in a read-only folder can be read.
     Methods are thread-safe.
@@ -106,7 +108,7 @@ class Store:
 
         Raises:
             DesignError: if ``study.toml`` is invalid.
-            StudyError: if there is no study, or if its database was lost or has another version.
+            StudyError: if the folder contains no study, or if its database was lost or has another version.
         """
         if not (folder / FILE).is_file():
             raise StudyError(f"{folder} contains no {FILE}; `avrgym study new {folder}` creates it")
@@ -153,16 +155,16 @@ class Store:
         """
         path = self.folder / relative
         if not path.resolve().is_relative_to(self.folder):
-            raise StudyError(f"{relative!r} is outside the study's folder")
+            raise StudyError(f"{relative!r} is outside the study's folder; allowed: paths inside it")
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """Returns the source of a policy of the design: a file in the study's folder, or else the policy's name.
+        """Returns the source of a policy: its file in the study's folder, or its name if there is no such file.
 
-        For a condition, it is the source of the condition's policy.
+        ``policy``: name of a policy or condition in the design. A condition has the source of its policy.
 
         Raises:
-            PolicyError: if neither exists.
+            PolicyError: if there is neither a file nor a policy with this name.
         """
         policy = self.design.policy_of(policy)
         task, robot = find_environment(environment)
@@ -192,7 +194,7 @@ class Store:
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
     def designs(self) -> list[StoredDesign]:
-        """Returns all stored designs, of sessions and of admissions."""
+        """Returns all stored designs: at the start of sessions, and at the inclusion of participants."""
         return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
@@ -200,17 +202,17 @@ class Store:
         return self._rows(Trial, participant=participant_number(pseudonym))
 
     def remaining_trials(self, pseudonym: str) -> list[Trial]:
-        """Returns the trials that are not completed: first the planned, then the skipped trials."""
+        """Returns a participant's planned trials, followed by the skipped trials."""
         trials = self.trials(pseudonym)
         return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
 
     def attempts(self, pseudonym: str) -> list[TrialAttempt]:
-        """Returns all attempts at a participant's trials, in the order of their start."""
+        """Returns all attempts at a participant's trials, in the order of their start times."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
 
     def answers(self, pseudonym: str) -> list[StudyAnswer]:
-        """Returns all answers of a participant, in order of time."""
+        """Returns all answers about a participant's sessions and trials, in the order of storage."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [answer for answer in self._rows(StudyAnswer) if answer.session in sessions]
 
@@ -219,19 +221,19 @@ class Store:
         return self._rows(StudyEvent)
 
     def participation(self) -> Participation | None:
-        """Returns the participation list; ``None`` if there is none."""
+        """Returns the contents of the participation list; ``None`` if the file does not exist."""
         return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
-        """Returns the time of the first rebuild of the database; ``None`` without a rebuild."""
+        """Returns the time of the first rebuild of the database; ``None`` if it was never rebuilt."""
         return next((event.at for event in self.events() if event.name == REBUILT), None)
 
     def notes(self, pseudonym: str) -> list[Note]:
-        """Returns all notes about a participant."""
+        """Returns the experimenters' notes about a participant, in the order of storage."""
         return self._rows(Note, participant=participant_number(pseudonym))
 
     def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
-        """Returns all reports of a participant's adverse events, in the order of recording."""
+        """Returns all reports of a participant's adverse events, in the order of storage."""
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def consents(self, pseudonym: str) -> list[Consent]:
@@ -239,11 +241,11 @@ class Store:
         return self._rows(Consent, participant=participant_number(pseudonym))
 
     def consent_texts(self) -> list[ConsentText]:
-        """Returns all archived consent texts, in the order of their first use."""
+        """Returns all stored consent texts, in the order of their first use."""
         return self._rows(ConsentText)
 
     def tombstones(self) -> list[Tombstone]:
-        """Returns the deleted participants."""
+        """Returns the participants whose data were deleted."""
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
@@ -259,9 +261,9 @@ class Store:
             return find_all(connection, kind, **key)
 
     def _check_protocol(self) -> None:
-        """Store the fields that determine the orders of trials.
+        """Store the design fields that determine trial orders.
 
-        Raises ``StudyError`` if these fields changed after the first allocation.
+        Raises ``StudyError`` if these fields changed after the first participant was allocated.
         """
         protocol = self.design.protocol()
         with self.database.read() as connection:
@@ -278,7 +280,7 @@ class Store:
         taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(
-                f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
+                f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant was allocated; "
                 f"allowed: the earlier value {stored.get(changed[0], {})!r}"
             )
         hash_chain.delete(connection, schema.STUDY)
@@ -291,8 +293,9 @@ def _can_write(folder: Path) -> bool:
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
-    """Returns the first row with these values. Raises ``StudyError`` if there is none; ``what`` names it in the
-    message.
+    """Returns the first row with the column values ``key``.
+
+    Raises ``StudyError`` if no row has these values. ``what``: name of the row in the message.
     """
     rows = find_all(connection, kind, **key)
     if not rows:
@@ -306,7 +309,7 @@ def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
 
 
 def find_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """Returns the session with this id."""
+    """Returns the session with this id. Raises ``StudyError`` for an unknown id."""
     return find(connection, StudySession, f"session {session_id}", id=session_id)
 
 
@@ -327,13 +330,16 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 
 
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
-    """Returns the trial at a position in the order of the session's participant."""
+    """Returns the trial at a position of the trial order of the session's participant."""
     own = {"participant": session.participant, "position": position}
     return find(connection, Trial, f"trial {position}", **own)
 
 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
-    """Returns all rows with these values, ordered by primary key."""
+    """Returns all rows with the column values ``key``, ordered by primary key.
+
+    Raises ``StudyError`` if a row is damaged.
+    """
     table = TABLES[kind]
     names = _columns(kind)
     query = sa.select(*(table.c[name] for name in names))
@@ -342,7 +348,9 @@ def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row
         rows = connection.execute(query.order_by(hash_chain.primary_key(table))).all()
         return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
     except ValueError as error:
-        raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
+        raise StudyError(
+            f"the study's database: a row of {table.name} is damaged: {error}; restore a backup"
+        ) from error
 
 
 @cache
@@ -360,6 +368,14 @@ def change_state(
 ) -> None:
     """Change the state and other values of a row, and store an event.
 
+    Args:
+        connection: a write transaction.
+        row: the row.
+        after: the new state.
+        subject: ids of participant, session and attempt for the event.
+        detail: detail of the event.
+        values: further columns to change.
+
     Raises:
         StudyError: if the transition is not allowed.
     """
@@ -373,12 +389,12 @@ def change_state(
 
 
 def subject_of(session: StudySession) -> dict[str, int]:
-    """Returns the participant and session of an event in a session."""
+    """Returns the ids of participant and session for an event in a session."""
     return {"participant": session.participant, "session": session.id}
 
 
 def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, int]) -> None:
-    """Store the current design. ``subject``: participant, and the session that starts with this design, if any."""
+    """Store the current design. ``subject``: ids of the participant, and of the session that starts."""
     hash_chain.insert(
         connection,
         schema.DESIGN,
@@ -390,12 +406,14 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
-    """Store an event. ``subject``: participant, session and attempt that the event concerns."""
+    """Store an event. ``subject``: ids of participant, session and attempt, as far as the event has them."""
     hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
 
 
 def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | None:
-    """Returns the value that a participant's latest event of this name stores as JSON; ``None`` without an event.
+    """Returns the value in a participant's latest event with this name; ``None`` without such an event.
+
+    ``kind``: type of the value, which the event stores as JSON.
 
     Raises:
         StudyError: if the stored value is damaged.
@@ -407,11 +425,13 @@ def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | 
     try:
         return msgspec.json.decode(events[-1].detail, type=kind)
     except msgspec.DecodeError as error:
-        raise StudyError(f"the study's database: event {events[-1].id} is damaged: {error}") from error
+        raise StudyError(
+            f"the study's database: event {events[-1].id} is damaged: {error}; restore a backup"
+        ) from error
 
 
 def record_value(connection: sa.Connection, pseudonym: str, name: str, value: msgspec.Struct) -> None:
-    """Store a value as JSON in an event of a participant, see ``latest_value``.
+    """Store a value as JSON in an event of a participant. ``latest_value`` reads it.
 
     Raises:
         StudyError: for an unknown participant.
@@ -422,7 +442,7 @@ def record_value(connection: sa.Connection, pseudonym: str, name: str, value: ms
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
-    """Returns the row as a dataclass. Raises ``ValueError`` for a wrong type or an unknown state."""
+    """Returns the row as a dataclass. Raises ``ValueError`` for a value of a wrong type or an unknown state."""
     state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
     if state is not None and state not in known:
         raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")

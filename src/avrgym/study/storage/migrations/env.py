@@ -1,4 +1,4 @@
-"""Alembic runs this file in the transaction of a given connection."""
+"""Runs the migrations on the connection in ``attributes``, within its transaction. Alembic executes this file."""
 
 from alembic import context
 
