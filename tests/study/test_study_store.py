@@ -273,7 +273,7 @@ def test_session_rejects_actions_out_of_order(store: Store) -> None:
     refused(
         store,
         lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)),
-        "response time is -1.0; allowed",
+        "response time is -1.0 s; allowed",
     )
     for item in ITEMS[:3]:
         record_answer(store, attempt.id, Answer(item, 3, 1.0))
