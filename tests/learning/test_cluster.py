@@ -108,7 +108,7 @@ def test_the_error_of_a_call_is_raised(cluster) -> None:
 
 
 def test_too_many_worlds_are_refused_before_anything_is_written(cluster, tmp_path) -> None:
-    with pytest.raises(RuntimeError, match=r"a worker would need .* let more workers share the worlds"):
+    with pytest.raises(RuntimeError, match=r"each worker needs .* use more workers"):
         cluster.reserve_memory(1 << 60)
     with pytest.raises(ValueError, match=r"worlds need .* of memory; this computer has"):
         train(replace(TINY, num_envs=10**9), tmp_path / "many", cluster=cluster)

@@ -250,7 +250,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
         ),
         ("helpers.learning.failing_controllers:unmakeable", "cannot be created (FileNotFoundError: weights.bin)"),
         ("helpers.learning.failing_controllers:READY.rng.x", "has no attribute 'rng'"),
-        ("operator", "operator needs a person who drives the robot"),
+        ("operator", "operator needs an experimenter at the robot's controls"),
         ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),
     ],

@@ -56,7 +56,7 @@ def test_the_command_writes_metadata_and_never_overwrites(tmp_path: Path) -> Non
             "a.onnx",
             "oracle is not a trained policy; allowed: original, revised or a .safetensors file",
         ),
-        ("revised", "a.pt", "allowed: names that end in .onnx"),
+        ("revised", "a.pt", "choose a name such as policy.onnx"),
     ],
     ids=["oracle", "ending"],
 )

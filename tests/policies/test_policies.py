@@ -306,13 +306,15 @@ def test_unknown_names_list_what_is_allowed(packaged):
         PolicyError, match="'best' for avrgym/FeedingJaco-v1; allowed: original, revised, or the path"
     ):
         find_policy("best", ENVIRONMENT)
-    with pytest.raises(PolicyError, match="none is packaged"):
+    with pytest.raises(PolicyError, match="no packaged policy"):
         find_policy("original", "avrgym/BedBathingJaco-v1")
 
 
 def test_a_policy_for_other_sizes_is_refused(packaged):
     assert load_policy("original", ENVIRONMENT, 25, 7).action_size == 7
-    with pytest.raises(PolicyError, match=r"with 25 observations and 7 actions; .* has 30 and 7"):
+    with pytest.raises(
+        PolicyError, match=r"with 25 observations and 7 actions; .* needs 30 observations and 7 actions"
+    ):
         load_policy("original", ENVIRONMENT, 30, 7)
 
 
@@ -325,7 +327,7 @@ def test_a_policy_for_another_environment_is_refused_unless_that_is_allowed(pack
     ):
         load_policy(path, "avrgym/FeedingPR2-v1", 25, 7)
     assert load_policy(path, "avrgym/FeedingPR2-v1", 25, 7, allow_other_environment=True).action_size == 7
-    with pytest.raises(PolicyError, match=r"has 30 and 7"):
+    with pytest.raises(PolicyError, match=r"needs 30 observations and 7 actions"):
         load_policy(path, "avrgym/ScratchItchPR2-v1", 30, 7, allow_other_environment=True)
 
 

@@ -58,9 +58,9 @@ def test_values_of_mujoco_are_accepted(chosen, monkeypatch: pytest.MonkeyPatch, 
 @pytest.mark.parametrize(
     ("value", "library", "said"),
     [
-        ("elg", True, "MUJOCO_GL=elg .*allowed: glx, egl, osmesa, glfw, off"),
-        ("cgl", True, "MUJOCO_GL=cgl .*allowed"),
-        ("osmesa", False, "the library OSMesa is not installed; install it, or unset MUJOCO_GL"),
+        ("elg", True, "MUJOCO_GL=elg.*allowed: glx, egl, osmesa, glfw, off"),
+        ("cgl", True, "MUJOCO_GL=cgl.*allowed"),
+        ("osmesa", False, "the library OSMesa, which is not installed; install OSMesa, or unset MUJOCO_GL"),
     ],
 )
 def test_invalid_values_raise_an_error(
@@ -76,5 +76,7 @@ def test_every_command_reports_an_invalid_backend_in_one_line(monkeypatch: pytes
     monkeypatch.setenv("MUJOCO_GL", "elg")
     said = CliRunner().invoke(app, ["envs"])
     assert said.exit_code == 1
-    assert said.output.startswith("avrgym: MUJOCO_GL=elg in the environment is unknown; allowed: ")
+    assert said.output.startswith(
+        "avrgym: unknown value of the environment variable MUJOCO_GL=elg; allowed: "
+    )
     assert said.output.count("\n") == 1

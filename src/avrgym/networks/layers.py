@@ -9,8 +9,8 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
 MAX_PRODUCTS = 65536
-"""Maximum number of products that are stored before they are summed. They need half a megabyte, which fits into the
-processor's cache."""
+"""Maximum number of products that are stored before they are summed. They need half a megabyte, less than the size of
+the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,10 @@ class Memory:
 
 
 def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """Returns the matrix product (N, outputs) of (N, inputs) and (inputs, outputs). Unlike in BLAS, sums have a fixed
-    order."""
+    """Returns the matrix product (N, outputs) of ``rows`` (N, inputs) and ``weight`` (inputs, outputs).
+
+    Unlike in BLAS, the order of sums is fixed.
+    """
     outputs = np.empty((len(rows), weight.shape[1]))
     batch = max(1, MAX_PRODUCTS // weight.size)
     for first in range(0, len(rows), batch):

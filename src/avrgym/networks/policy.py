@@ -1,8 +1,8 @@
 """Policies in NumPy, and their files: policies of robots and of trained humans.
 
 A policy consists of an observation normaliser, optional vision or memory, tanh layers, and the standard deviation of
-actions. Its file is a safetensors file: numbers and a text header, never code. The header describes the training, and
-whether the policy controls a human.
+actions. Its file is a safetensors file: numbers and a text header, never code. The header contains the metadata of the
+training run, and whether the policy controls a human.
 """
 
 import os
@@ -45,10 +45,10 @@ class PolicyError(ValueError):
 
 
 class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Metadata of a human who was trained with a robot.
+    """Metadata of a trained human: a human policy that was trained together with a robot policy.
 
-    ``partner`` is the ``digest`` of the policy of the robot that was trained with the human. ``people_file`` is the
-    text of the people file from which the human's bodies were drawn, if any.
+    ``partner`` is the ``digest`` of the robot policy. ``people_file`` is the text of the people file that determined
+    the human's bodies in training, if any.
     """
 
     partner: str
@@ -56,13 +56,13 @@ class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Metadata of a policy: its training and its results.
+    """Metadata of a policy: its training run and its results.
 
-    ``steps`` is the number of environment steps, ``seconds`` the duration of the training. ``measured`` contains
+    ``steps`` is the number of environment steps, ``seconds`` the duration of the training run. ``measured`` contains
     results such as ``success_rate``. Each point of ``curve`` contains the number of environment steps, and mean reward
     and success rate of the latest episodes. ``human`` is set for a trained human. ``plugins`` contains the versions of
     task and robot if they are in other packages; old files do not contain it. ``force_guard`` is true if the force
-    guard was on in training. ``settings`` contains the fields of ``tasks.settings.Settings`` that differ from the
+    guard was active in training. ``settings`` contains the fields of ``tasks.settings.Settings`` that differ from the
     defaults. ``camera`` is the camera of a policy with vision, such as ``wrist:64x64:depth``.
     """
 
@@ -86,8 +86,8 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class Policy:
     """A policy: observation normaliser, optional vision or memory, tanh layers, and normally distributed action noise.
 
-    A policy that was trained with noise may need it: without noise it can get stuck. All arrays are stored as read-only
-    float64.
+    A policy that was trained with action noise may need noise to reach its goal: without it, the robot may stop moving.
+    All arrays are stored as read-only float64.
 
     Args:
         weights: One (inputs, outputs) matrix per layer. The input of the first layer is the observation, followed by
@@ -98,7 +98,7 @@ class Policy:
         observation_clip: Bound of normalised observations, in standard deviations.
         observation_epsilon: Constant that is added to the variance before the square root.
         action_std: Standard deviation of each action; 0 for no noise.
-        metadata: Description of the training.
+        metadata: Description of the training run.
         memory: A gated recurrent unit. Its input is the normalised observation.
         vision: Replaces entries of the normalised observation by estimates from an image.
     """
@@ -155,7 +155,7 @@ class Policy:
     def mean(self, observations: np.ndarray) -> np.ndarray:
         """Returns mean actions (N, action) before clipping. Only for policies without memory and vision."""
         if self.memory is not None:
-            raise PolicyError("the policy is recurrent or visual; use it with `policies.actors.Actor`")
+            raise PolicyError("the policy is recurrent; compute its actions with `policies.actors.Actor`")
         return self.step(observations, np.zeros((len(observations), 0)))[0]
 
     def step(
@@ -209,8 +209,11 @@ class Policy:
         return np.clip(rows, -self.observation_clip, self.observation_clip)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the policy file, completely or not at all. An existing file is replaced only if ``overwrite`` is true;
-        otherwise it raises ``PolicyError``."""
+        """Write the policy file atomically.
+
+        Raises:
+            PolicyError: if the file exists and ``overwrite`` is false.
+        """
         path = Path(path)
         if path.exists() and not overwrite:
             raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
@@ -283,7 +286,9 @@ def _check_shapes(policy: Policy) -> None:
     size = policy.observation_mean.shape
     _check_shape("observation.variance", policy.observation_variance, size)
     if (policy.vision is None) != (policy.metadata.camera == ""):
-        raise PolicyError("the policy has only one of vision and camera; allowed: both or neither")
+        raise PolicyError(
+            "the policy has vision without a camera or a camera without vision; allowed: both or neither"
+        )
     if policy.vision is not None and policy.memory is not None:
         raise PolicyError("the policy has vision and a memory; allowed: one of them or neither")
     if policy.memory is not None:
@@ -400,7 +405,8 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
     """Returns the format version and the metadata."""
     if _HEADER not in header:
         raise PolicyError(
-            f"the file is not a policy of AVR Gym: its header has no {_HEADER!r}, only {sorted(header)}"
+            f"the file is not a policy of AVR Gym: its header has no entry {_HEADER!r}, only {sorted(header)}; "
+            "allowed: files from `avrgym train`"
         )
     try:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version

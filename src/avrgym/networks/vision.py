@@ -14,14 +14,14 @@ from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.networks.layers import matrix_product, read_only_copy
 
 MAX_DEPTH_M = 1.2
-"""Depth that is scaled to 1 in the network's input. Larger depths are clipped to 1."""
+"""Depth that corresponds to 1 in the network's input. Larger depths are clipped to 1."""
 CONVOLUTIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Vision:
-    """Convolutions with rectified linear units, then three dense layers. Inputs of the second dense layer are also the
-    measured entries.
+    """Convolutions with rectified linear units (ReLU), then three dense layers. The second dense layer also receives
+    the measured entries.
 
     All arrays are stored as read-only float64.
 

@@ -1,4 +1,4 @@
-"""Actors: policies in N worlds, with the state of the memory of each world."""
+"""Actors: policies in N worlds. An actor stores the memory state of a recurrent policy for each world."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,10 +12,10 @@ from avrgym.policies.trained import Policy, PolicyError
 
 
 class Actor:
-    """A policy in N worlds, with or without memory. Call ``reset`` for a world when its episode starts."""
+    """A feed-forward or recurrent policy in N worlds. Call ``reset`` for a world when its episode starts."""
 
     def __init__(self, policy: Policy, worlds: int) -> None:
-        """Start an episode in every world."""
+        """Create an actor for the number of ``worlds``, each at the start of an episode."""
         self._policy = policy
         self._memory = np.zeros((worlds, policy.memory_size))
 
@@ -45,17 +45,17 @@ class Actor:
         """
         if len(observations) != len(self._memory):
             raise PolicyError(
-                f"there are {len(observations)} observations for {len(self._memory)} worlds; allowed: one for "
-                "each world"
+                f"there are {len(observations)} observations for {len(self._memory)} worlds; allowed: one observation "
+                "for each world"
             )
         means, self._memory = self._policy.step(observations, self._memory, image)
         return means
 
 
 class DeviceActor:
-    """A policy without memory that computes on a device, for example on a GPU.
+    """A feed-forward policy that computes on a device, such as a GPU.
 
-    The array library determines the order of sums.
+    The array library determines the order of sums. Results can therefore differ from those of ``Actor`` by rounding.
     """
 
     def __init__(self, policy: Policy, example_array: Any) -> None:

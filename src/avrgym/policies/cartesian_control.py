@@ -11,12 +11,12 @@ from avrgym.simulation.worlds import Simulation
 SPEED_LIMIT_M_S = 0.25
 TURN_LIMIT_RAD_S = 0.8
 DAMPING = 0.05
-"""Damping of the least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986). It reduces speeds near
-singularities."""
+"""Damping factor of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986). It reduces joint speeds
+near singularities."""
 
 
 class CartesianController:
-    """Maps velocities of the robot's hand to actions, in the first world."""
+    """Computes the actions for commanded velocities of the robot's hand, in the first world."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Read the arm's kinematic chain from the scene."""

@@ -26,12 +26,12 @@ MAX_ERROR_LENGTH = 160
 
 
 class Controller(Protocol):
-    """Drives one robot through episodes. It may also have a method ``close()``.
+    """Computes the actions of one robot from its observations. It may also have a method ``close()``.
 
     A controller may have an attribute ``cameras``, a list as in ``gym.make``. Then ``act`` receives a dictionary:
-    ``state`` is the observation (O,), and each image has an entry such as ``wrist_rgb``.
+    the entry ``state`` is the observation (O,), and each image has an entry such as ``wrist_rgb``.
 
-    A controller may have an attribute ``takes_commands = True``. Then ``act`` receives a dictionary as well. Its entry
+    A controller may have an attribute ``takes_commands = True``. Then ``act`` also receives a dictionary. Its entry
     ``command`` is the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
     """
 
@@ -45,7 +45,7 @@ class Controller(Protocol):
 
 
 class ControllerError(RuntimeError):
-    """Raised if a controller returns no valid action. The message begins with the kind of failure and a colon.
+    """Raised if a controller does not return a valid action. The message begins with the kind of failure and a colon.
 
     The kinds are ``exception``, ``wrong_shape``, ``not_finite`` and ``late``.
     """
@@ -67,7 +67,7 @@ class ExternalController:
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
-    """Start an episode. Raises ``ControllerError`` if the controller raises an exception."""
+    """Start an episode of a controller. Raises ``ControllerError`` if the controller raises an exception."""
     try:
         controller.reset(seed, environment)
     except (Exception, SystemExit) as error:  # external code may raise anything
@@ -85,10 +85,10 @@ def act(controller: Controller, observation: AnyObservation, size: int) -> Float
 
 
 def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """Call ``act`` and return its action, clipped to -1 to 1.
+    """Call ``act``. Returns its action with the given shape, clipped to -1 to 1.
 
     Raises:
-        ControllerError: for an exception or an invalid action.
+        ControllerError: if ``act`` raises an exception, returns another shape, or returns NaN or infinity.
     """
     try:
         action = np.array(act(), float)
@@ -109,7 +109,7 @@ def close(controller: Controller) -> None:
 
 
 def find_python(name: str) -> ExternalController:
-    """Import the controller ``module:attribute``.
+    """Import and return the controller ``module:attribute``.
 
     The attribute is a controller, a class or function that creates a controller, or a function that maps an observation
     to an action. A controller object is copied for each use. Python also searches the current folder for the module.
@@ -129,7 +129,7 @@ def find_python(name: str) -> ExternalController:
 
 
 def python_file(name: str) -> Path | None:
-    """Returns the file of the module in ``module:attribute``, or None. The module is not imported."""
+    """Returns the file of the module in ``module:attribute``; ``None`` without a file. The module is not imported."""
     _search_current_folder()
     try:
         spec = importlib.util.find_spec(name.partition(":")[0])
@@ -151,7 +151,7 @@ def registered_controllers() -> dict[str, EntryPoint]:
 
 
 def find_registered(name: str) -> ExternalController:
-    """Import a registered controller. Raises ``PolicyError`` if the controller cannot be imported or created."""
+    """Import and return a registered controller. Raises ``PolicyError`` if it cannot be imported or created."""
     entry = registered_controllers()[name]
     try:
         found = entry.load()
@@ -163,14 +163,14 @@ def find_registered(name: str) -> ExternalController:
 
 
 def used_plugin(name: str) -> UsedPlugin | None:
-    """Returns the installed version of a registered controller or of ``module:attribute``; ``None`` for other names."""
+    """Returns the plug-in of a registered controller or of ``module:attribute``; ``None`` for other names."""
     if name in registered_controllers():
         return plugin_of_entry_point("controller", name, registered_controllers()[name])
     return plugin_of_controller(name) if ":" in name else None
 
 
 def broken_controllers() -> list[str]:
-    """Import all registered controllers. Returns error messages of those that cannot be imported or created."""
+    """Import all registered controllers. Returns an error message for each that cannot be imported or created."""
     reasons: list[str] = []
     for name in registered_controllers():
         try:
@@ -191,7 +191,7 @@ class _Function:
 
 
 def _takes_observation(found: Any) -> bool:
-    """Whether an object is a function with exactly one required argument, the observation."""
+    """Returns whether an object is a function with exactly one required argument, the observation."""
     if isinstance(found, type) or not callable(found) or hasattr(found, "act"):
         return False
     try:
@@ -210,7 +210,7 @@ def _can_bind(signature: inspect.Signature, count: int) -> bool:
 
 
 def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
-    """Returns the controller ``found``. Creates one instance immediately, to report errors early."""
+    """Returns the object ``found`` as an external controller. Creates one instance to report errors early."""
     if _takes_observation(found):
         found = _Function(found)
     ready_made = not isinstance(found, type) and hasattr(found, "act")

@@ -1,4 +1,4 @@
-"""ONNX files: use networks of other programs as controllers, and export policies. Needs the extra ``onnx``."""
+"""ONNX files: networks of other programs as controllers, and export of policies. Needs the extra ``onnx``."""
 
 import os
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A network without memory. Its input is the observation without normalisation; its output is the action.
+    """A feed-forward network. Its input is the observation without normalisation; its output is the action.
 
     A second input ``command`` receives the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
     """
@@ -59,10 +59,10 @@ class OnnxController:
 def find_onnx(
     path: str | os.PathLike[str], environment_id: str, observation_size: int, action_size: int
 ) -> ExternalController:
-    """Load a network for an environment. ``observation_size`` and ``action_size`` are those of the environment.
+    """Load a network file. Returns it as a controller for an environment with the given observation and action size.
 
     Raises:
-        PolicyError: if the extra is missing, the file is damaged, or its inputs or outputs do not fit.
+        PolicyError: if the extra is missing, the file is damaged, or its inputs or outputs have wrong shapes.
     """
     try:
         import onnxruntime
@@ -96,14 +96,16 @@ def _check(
         return
     found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)
     raise PolicyError(
-        f"{path}: {kind}s {found or 'none'}; {environment_id} takes one {kind} of float or double, "
+        f"{path}: the network's {kind}s are {found or 'none'}; {environment_id} takes one {kind} of float or double, "
         f"of shape ({size},), (1, {size}) or (N, {size})"
     )
 
 
 def _fits(shape: list[Any], size: int) -> bool:
-    """Whether a tensor of this shape can contain one row of ``size`` numbers. In ``shape``, variable sizes are names or
-    None."""
+    """Returns whether a tensor of this shape can contain one row of ``size`` numbers.
+
+    In ``shape``, variable sizes are names or None.
+    """
     *rows, last = shape or [0]
     return len(rows) <= 1 and last == size and all(row == 1 or not isinstance(row, int) for row in rows)
 
@@ -170,7 +172,7 @@ def write_onnx(policy: Policy, out: Path) -> None:
     import onnx
 
     if out.suffix != ".onnx":
-        raise ValueError(f"{out} does not end in .onnx; allowed: names that end in .onnx")
+        raise ValueError(f"the file name {out} does not end in .onnx; choose a name such as policy.onnx")
     if out.exists():
         raise FileExistsError(f"{out} already exists; choose another name")
     model = make_onnx_model(policy)

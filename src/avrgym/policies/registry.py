@@ -1,4 +1,4 @@
-"""Finds policies by name or path (the values of ``--policy``), and computes their actions."""
+"""Policies by name or path (the values of ``--policy``), and functions that compute their actions."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -35,14 +35,14 @@ ActionFunction = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Script:
-    """A packaged policy without a network: one of ``SCRIPTS``."""
+    """A scripted policy, without a network: one of ``SCRIPTS``."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class HumanOperator:
-    """The policy ``operator``: the experimenter drives the robot's hand."""
+    """The policy ``operator``: the experimenter controls the robot's hand (teleoperation)."""
 
 
 RobotPolicy = Policy | Script | ExternalController
@@ -50,7 +50,7 @@ AnyPolicy = RobotPolicy | HumanOperator
 
 
 def named_policies(environment_id: str) -> list[str]:
-    """Returns the names of an environment's policies: packaged policies, scripts and registered controllers."""
+    """Returns the names of an environment's policies: packaged, scripted, and registered controllers."""
     return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
 
 
@@ -61,8 +61,10 @@ def preferred_policy(environment_id: str) -> str:
 
 
 def skipped_plugins() -> list[str]:
-    """Returns error messages of the plug-ins (robots, tasks, controllers) that cannot be used. Imports all
-    controllers."""
+    """Returns an error message for each plug-in (robot, task, controller) that cannot be used.
+
+    Imports all controllers.
+    """
     records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
     return [*records, *controllers.broken_controllers()]
 
@@ -75,7 +77,7 @@ def find(
     allow_other_environment: bool = False,
     allow_other_settings: bool = False,
 ) -> RobotPolicy:
-    """Load a policy for an environment, by name or path.
+    """Load and return a policy for an environment, by name or path.
 
     Args:
         name: name of a packaged policy, a script or a registered controller; path of a ``.safetensors`` or ``.onnx``
@@ -86,8 +88,8 @@ def find(
         allow_other_settings: whether to allow a policy that was trained with other settings.
 
     Raises:
-        PolicyError: for an unknown name (the message lists the allowed values), or if the policy cannot be loaded or
-            does not fit.
+        PolicyError: for an unknown name (the message lists the allowed values). Also if the policy cannot be loaded,
+            or was trained for another environment, other settings or other sizes.
     """
     observation_size, action_size = observation_and_action_size(environment_id)
     if name in SCRIPTS:
@@ -113,7 +115,8 @@ def find(
         return controller
     if name == OPERATOR:
         raise PolicyError(
-            f"{OPERATOR} needs a person who drives the robot; allowed in `avrgym view`, `avrgym serve` and studies"
+            f"the policy {OPERATOR} needs an experimenter at the robot's controls; allowed in `avrgym view`, "
+            "`avrgym serve` and studies"
         )
     allowed = ", ".join([*named_policies(environment_id), FILE_FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
@@ -123,15 +126,15 @@ def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
     trained_with = as_settings(policy.metadata.settings)
     if trained_with != settings:
         raise PolicyError(
-            f"{name}: trained with {trained_with}, not with {settings}; allowed only with --allow-other-settings, in "
-            "study.toml with allow_other_settings = true"
+            f"{name}: trained with {trained_with}, not with {settings}; to use it anyway, add --allow-other-settings, "
+            "or in study.toml allow_other_settings = true"
         )
 
 
 def find_for_session(
     name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
 ) -> AnyPolicy:
-    """Load a policy like ``find``. Also accepts ``operator``: the experimenter drives the robot."""
+    """Load and return a policy like ``find``, or ``HumanOperator`` for the name ``operator``."""
     if name == OPERATOR:
         return HumanOperator()
     return find(name, environment_id, settings, allow_other_settings=allow_other_settings)
@@ -164,8 +167,8 @@ def open_policy(
     """Context manager: yields a function that maps observations (N, O) to actions (N, A), for one episode of each
     world.
 
-    An external controller has one instance per world. Each instance is seeded by the world's generator and closed at
-    the end.
+    An external controller has one instance per world. The world's generator determines the seed of its instance.
+    Instances are closed at the end.
 
     Raises:
         PolicyError: if an instance cannot be created.
@@ -224,8 +227,10 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
 
 
 def render_once(policy: AnyPolicy, world: Episodes) -> None:
-    """Render once for a policy with cameras. Rendering compiles the appearance; without this call the first action
-    would be late."""
+    """Render one image if the policy has cameras. The first rendering compiles the appearance, which takes long.
+
+    Without this call, the first action of the policy would be late.
+    """
     cameras = cameras_of(policy, world.environment_id)
     if cameras:
         world.images(cameras)
@@ -234,8 +239,10 @@ def render_once(policy: AnyPolicy, world: Episodes) -> None:
 def controller_observations(
     policy: ExternalController, world: Episodes, observations: FloatArray
 ) -> list[AnyObservation]:
-    """Returns the observation (O,) of each world's controller. For a controller with cameras or commands, it is a
-    dictionary with images and the entry ``command``.
+    """Returns the observation of each world's controller: an array (O,).
+
+    For a controller with cameras or commands, the observation is a dictionary. It contains ``state``, the images and
+    ``command``.
 
     Args:
         policy: the controller.
@@ -264,5 +271,5 @@ def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray
 
 
 def controller_seed(generator: np.random.Generator) -> int:
-    """Returns the seed of a controller in an episode. It is drawn from the episode's generator."""
+    """Draw a controller's seed for an episode from the episode's ``generator``, and return it."""
     return int(generator.integers(2**31))

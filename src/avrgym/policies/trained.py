@@ -1,4 +1,4 @@
-"""Trained policies of robots: packaged policies by name, others by the path of their file."""
+"""Trained robot policies: packaged policies have names; other policies are files."""
 
 import os
 import re
@@ -39,7 +39,7 @@ def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Pa
         return packaged[str(name_or_path)]
     if Path(name_or_path).is_file():
         return Path(name_or_path)
-    names = ", ".join(packaged) or "none is packaged"
+    names = ", ".join(packaged) or "no packaged policy"
     raise PolicyError(
         f"no policy {str(name_or_path)!r} for {environment_id}; "
         f"allowed: {names}, or the path of a .safetensors file"
@@ -54,11 +54,11 @@ def load_policy(
     *,
     allow_other_environment: bool = False,
 ) -> Policy:
-    """Load a policy by name or path for an environment with observations and actions of the given sizes.
+    """Load and return a policy by name or path, for an environment with observations and actions of the given sizes.
 
     Raises:
-        PolicyError: for an unknown name, a damaged file, wrong sizes, a trained human, or a policy of another
-            environment if that is not allowed.
+        PolicyError: for an unknown name, a damaged file, wrong sizes, or the policy of a trained human. Also for a
+            policy of another environment, unless ``allow_other_environment`` is true.
     """
     path = find_policy(name_or_path, environment_id)
     policy = Policy.load(path)
@@ -75,7 +75,7 @@ def load_policy(
     if sizes != (observation_size, action_size):
         raise PolicyError(
             f"{path}: was trained for {policy.metadata.environment} with {sizes[0]} observations and {sizes[1]} "
-            f"actions; {environment_id} has {observation_size} and {action_size}"
+            f"actions; {environment_id} needs {observation_size} observations and {action_size} actions"
         )
     return policy
 

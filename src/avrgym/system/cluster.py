@@ -25,9 +25,9 @@ Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.5
 CONNECTION_TIMEOUT_S = 5.0
 START_TIMEOUT_S = 300.0
-"""Maximum time to wait for the first worker. Some clusters start computers on demand."""
+"""Maximum time until the first worker starts. Some clusters start computers on demand."""
 MAX_DEATHS = 8
-"""A call fails after this number of its workers has died."""
+"""Number of worker processes that may end unexpectedly in the same call. Then the call fails."""
 PROCESS_BYTES = 400 << 20
 """Memory of a worker process without worlds."""
 ENV_VAR_PREFIX = "AVRGYM_"
@@ -59,7 +59,7 @@ class _Running:
 
 
 class Cluster:
-    """A connection to a Ray cluster, and its workers."""
+    """Runs function calls on the workers of a connected Ray cluster."""
 
     def __init__(self, address: str, max_jobs: int | None) -> None:
         self.address = address
@@ -94,8 +94,8 @@ class Cluster:
         )
         if wanted > largest:
             raise RuntimeError(
-                f"a worker would need {wanted / 2**30:.1f} GiB of memory, and the largest node of the cluster has "
-                f"{largest / 2**30:.1f}: use more workers or fewer worlds"
+                f"each worker needs {wanted / 2**30:.1f} GiB of memory, but the largest node of the cluster has "
+                f"{largest / 2**30:.1f} GiB; use more workers (--jobs) or fewer worlds"
             )
         self._bytes = wanted
 
@@ -105,9 +105,10 @@ class Cluster:
         arguments: Sequence[tuple[Any, ...]],
         progress: Callable[[int], None] = lambda done: None,
     ) -> list[Result]:
-        """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
+        """Call a function for each tuple of arguments. Returns the results in the order of the tuples.
 
-        An object that several tuples contain is sent to each node only once.
+        If a call raises an exception, all other calls are cancelled. An object that several tuples contain is sent to
+        each node only once.
 
         Args:
             function: a function that workers can import from its module.
@@ -146,12 +147,12 @@ class Cluster:
             progress(calls.reported)
             if not running and time.monotonic() - last_event > START_TIMEOUT_S:
                 raise RuntimeError(
-                    f"no worker of the cluster {self.address} has started within {START_TIMEOUT_S:.0f} s"
+                    f"no worker of the cluster {self.address} has started within {START_TIMEOUT_S:.0f} s; "
+                    "check the free cores and memory with `ray status`"
                 )
 
     def _start_workers(self, wanted: int, busy: int) -> None:
-        """Start workers until there are ``wanted`` workers, or ``count`` if that is smaller. ``busy`` workers run a
-        call."""
+        """Start workers until there are ``wanted`` workers, but at most ``count``. ``busy`` workers run a call."""
         present = busy + len(self._idle) + len(self._starting)
         for _ in range(min(wanted, self.count) - present):
             worker = ray.remote(_Worker).options(num_cpus=1, memory=self._bytes, max_restarts=0).remote()
@@ -161,12 +162,12 @@ class Cluster:
         try:
             found = ray.get(reference)
         except (RayActorError, WorkerCrashedError):
-            return  # its node died; another worker takes its place
+            return  # the worker ended before its first call; another worker replaces it
         _check_versions(found)
         self._idle.append(started.worker)
 
     def _check_idle(self) -> None:
-        """Start all idle workers again. Workers that died with their node then raise an error and are removed."""
+        """Call ``start`` of all idle workers again. Workers on a failed node then raise an error and are removed."""
         for worker in self._idle:
             self._starting[worker.start.remote(self._variables)] = _Running(worker, None)
         self._idle.clear()
@@ -201,11 +202,14 @@ class _Calls:
         self.reported += reported
 
     def died(self, number: int, error: Exception) -> None:
-        """Queue a call again after its worker died. Raises ``RuntimeError`` after ``MAX_DEATHS`` deaths."""
+        """Queue a call again after its worker ended. Raises ``RuntimeError`` if this happened ``MAX_DEATHS`` times."""
         self._deaths[number] += 1
         if self._deaths[number] == MAX_DEATHS:
             reason = str(error).strip().splitlines()[0]
-            raise RuntimeError(f"{MAX_DEATHS} workers died with the same call: {reason}")
+            raise RuntimeError(
+                f"{MAX_DEATHS} worker processes ended unexpectedly in the same call: {reason}; "
+                "check the memory of the nodes and the logs of Ray"
+            )
         self.waiting.appendleft(number)
 
 
@@ -235,8 +239,8 @@ def _check_versions(found: Mapping[str, str]) -> None:
     for name, version in found.items():
         if version != local[name]:
             raise RuntimeError(
-                f"a node of the cluster has {name} {version}, and this computer {local[name]}: "
-                "results are bit-identical only with the same versions"
+                f"a node of the cluster has {name} {version}, but this computer has {local[name]}; "
+                "install the same version on all computers, because results must be bit-identical"
             )
 
 
@@ -265,7 +269,9 @@ def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     try:
         ray.init(address=address, **quiet)
     except Exception as error:  # Ray raises many kinds of errors
-        raise RuntimeError(f"no Ray cluster at {address}: {_first_line(error)}") from error
+        raise RuntimeError(
+            f"cannot connect to a Ray cluster at {address}: {_first_line(error)}; `ray start --head` starts a cluster"
+        ) from error
     try:
         yield Cluster(address, max_jobs)
     finally:
@@ -282,8 +288,8 @@ def _check_answers(address: str) -> None:
         socket.create_connection((host.strip("[]"), int(port)), CONNECTION_TIMEOUT_S).close()
     except OSError as error:
         raise RuntimeError(
-            f"no Ray cluster answers at {address} ({error.strerror or error}); `ray start --head` starts one; "
-            "--cluster local starts one automatically"
+            f"no Ray cluster answers at {address} ({error.strerror or error}); start one with `ray start --head`, "
+            "or use --cluster local"
         ) from error
 
 

@@ -29,7 +29,11 @@ class Column:
 
 
 def columns_of(row: type) -> dict[str, Column]:
-    """Returns the columns of a dataclass, by field name. Raises ``TypeError`` for a field without description."""
+    """Returns the column descriptions of a dataclass, by field name.
+
+    Raises:
+        TypeError: for a field without a ``Column``.
+    """
     hints = get_type_hints(row, include_extras=True)
     return {field.name: _described(row, field.name, hints[field.name]) for field in fields(row)}
 
@@ -37,7 +41,7 @@ def columns_of(row: type) -> dict[str, Column]:
 def _described(row: type, name: str, hint: Any) -> Column:
     column = next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Column)), None)
     if column is None:
-        raise TypeError(f"{row.__name__}.{name} has no description; annotate it with a Column")
+        raise TypeError(f"field {row.__name__}.{name} has no description; annotate its type with a Column")
     kind = column.type or _type_of(hint)
     return replace(
         column,

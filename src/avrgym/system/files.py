@@ -32,13 +32,13 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Returns the temporary files in a folder that ``write_atomically`` left in killed processes."""
+    """Returns the temporary files of ``write_atomically`` in a folder and its subfolders that killed processes left."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the files of ``unfinished`` from a folder."""
+    """Remove the files that ``unfinished_files`` returns for a folder."""
     for path in unfinished_files(folder):
         path.unlink(missing_ok=True)
 
@@ -46,8 +46,8 @@ def remove_unfinished(folder: Path) -> None:
 def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Write a new or empty folder atomically. Only the folder's owner can open it.
 
-    ``write`` writes the contents into a temporary folder, which is then renamed. Temporary folders of killed processes
-    are removed.
+    ``write`` is called with a temporary folder, which is renamed afterwards. Temporary folders of killed processes are
+    removed.
     """
     make_private_folder(path.parent)
     for left in path.parent.glob(f".{path.name}.*.new"):
@@ -101,7 +101,10 @@ def restrict_to_owner(path: Path) -> None:
 
 
 def exposed_paths(path: Path) -> Iterator[Path]:
-    """Yields ``path`` and, for a folder, its contents, if other users have permissions on them. Links are ignored."""
+    """Yields those paths on which other users have permissions: ``path`` and, for a folder, its contents.
+
+    Symbolic links are ignored.
+    """
     if os.name != "posix" or not os.path.lexists(path):
         return
     within = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
@@ -124,7 +127,7 @@ def read_user_text(path: Path) -> str:
 
 
 def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
-    """Returns the bytes of a UTF-8 text, first without, then with a byte-order mark (BOM). Comparisons accept both."""
+    """Returns the bytes of a UTF-8 text: first without, then with a byte-order mark (BOM)."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 

@@ -28,9 +28,10 @@ def run_all(
     jobs: int,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Result]:
-    """Run a function for each tuple of arguments. Returns the results in order. The first error ends all calls.
+    """Call a function for each tuple of arguments. Returns the results in the order of the tuples.
 
-    The worker processes end with this process, even if this process is killed.
+    If a call raises an exception, all other calls are cancelled. The worker processes end when this process ends, even
+    if it is killed.
 
     Args:
         function: a function that processes can import from its module.

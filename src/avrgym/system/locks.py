@@ -34,7 +34,9 @@ def _lock(file: IO[str], folder: Path) -> None:
         file.seek(0)
         holder = file.read(20).strip()
         by = f" by process {holder}" if holder.isdigit() else ""
-        raise ValueError(f"{folder} is in use{by}; only one process at a time can use a folder") from None
+        raise ValueError(
+            f"{folder} is in use{by}; only one process at a time can use a folder. Wait, or choose another folder"
+        ) from None
     except OSError as error:
         raise ValueError(
             f"{folder} cannot be locked ({error.strerror}); choose a folder on a file system with locks"

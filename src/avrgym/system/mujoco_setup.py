@@ -38,13 +38,14 @@ def check_rendering_backend() -> None:
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
     if asked not in (*allowed, *OTHER_ACCEPTED_VALUES):
         raise ValueError(
-            f"MUJOCO_GL={asked} in the environment is unknown; allowed: {', '.join(allowed)}, or unset it"
+            f"unknown value of the environment variable MUJOCO_GL={asked}; allowed: {', '.join(allowed)}; "
+            "or unset MUJOCO_GL"
         )
     library = next((library for library, name in LIBRARIES.items() if name == asked), None)
     if sys.platform == "linux" and library is not None and not _can_load(library):
         raise ValueError(
-            f"MUJOCO_GL={asked} in the environment, but the library {library} is not installed; "
-            "install it, or unset MUJOCO_GL to use an installed one"
+            f"the environment variable MUJOCO_GL={asked} needs the library {library}, which is not installed; "
+            f"install {library}, or unset MUJOCO_GL to use an installed library"
         )
 
 

@@ -1,4 +1,4 @@
-"""Packaged robots with meshes in another package, which an extra installs."""
+"""Packaged robots whose meshes are in another package. An extra of AVR Gym installs that package."""
 
 from importlib.util import find_spec
 
@@ -18,11 +18,13 @@ MISSING = {
     for robot, package in PACKAGES.items()
     if not _is_installed(package)
 }
-"""Robots that are not available because the package is missing, and the command that installs it."""
+"""Installation command of each robot that is not available because its package is missing."""
 INSTALLED = tuple(robot for robot in PACKAGES if robot not in MISSING)
 
 
 def how_to_add(name: str) -> str:
-    """Returns the end of an error message about the unknown ``name``: commands that install missing robots in this
-    name."""
+    """Returns the last part of an error message for the unknown ``name``: how to install the robots that it contains.
+
+    The text is empty if ``name`` contains no missing robot.
+    """
     return "".join(f". `{command}` adds {robot}" for robot, command in MISSING.items() if robot in name)

@@ -1,7 +1,6 @@
-"""Plug-ins: objects that other packages register by entry points.
+"""Plug-ins: tasks, robots and controllers that other packages register by entry points.
 
-A broken package does not stop AVR Gym. If a plug-in cannot be loaded, it is skipped, and the logger
-``avrgym.plugins`` prints a warning.
+A plug-in that cannot be loaded is skipped. The logger ``avrgym.plugins`` then prints a warning.
 """
 
 import logging
@@ -37,7 +36,7 @@ class SkippedPlugin:
 
 
 def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
-    """Load all plug-ins of a group, sorted by name. Each object must be of type ``kind``. ``add`` is called with it.
+    """Load all plug-ins of a group, sorted by name. Each must be of type ``kind``. ``add`` is called with each object.
 
     Returns:
         Plug-ins that cannot be loaded or have another type, or for which ``add`` raises an exception.

@@ -1,10 +1,11 @@
 """All random streams of the program, and their seeds.
 
-Most functions return a random generator. It is seeded by the user's seed, further numbers (such as that of an episode
-or update), and often a constant that separates it from other streams with the same seed. Hyperparameters, exploration
-noise and checkpoints are selected with episodes of the validation split. Reported results are from the test split. For
-every seed, the episodes of both splits differ from those of training: only the splits have a spawn key (NumPy's
-``SeedSequence``).
+Most functions return a random generator. Its seed consists of the user's seed and further numbers, such as the number
+of an episode or update. Many seeds contain a constant that separates streams with the same user's seed.
+
+Hyperparameters, exploration noise and checkpoints are selected with episodes of the validation split. Reported results
+are from the test split. For every seed, the episodes of both splits differ from those of training: only the splits have
+a spawn key (NumPy's ``SeedSequence``).
 """
 
 from collections.abc import Callable, Iterable
@@ -38,8 +39,8 @@ def split_of(name: str) -> Split:
 
 
 def evaluation_generators(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
-    """Returns the random generator for the person, initial state and exploration noise of each episode in ``numbers``,
-    for the validation or test split.
+    """Returns one random generator for each episode number of a split. It determines the person, the initial state and
+    the exploration noise of the episode.
     """
     key = (_SPAWN_KEYS[split],)
     return [default_rng(SeedSequence([seed, number], spawn_key=key)) for number in numbers]
@@ -61,8 +62,8 @@ def episode_seed_generator(seed: int, update: int) -> Generator:
 
 
 def imitation_generator(seed: int, update: int) -> Generator:
-    """Returns the random generator for the choice of the worlds that the expert controls in one update, then the
-    update's minibatches.
+    """Returns the random generator for the worlds that the expert controls in one update, and for the minibatches of
+    this update.
     """
     return default_rng([seed, 2, update])
 
@@ -131,7 +132,7 @@ def surface_point_generator() -> Generator:
     return default_rng(0)
 
 
-# Studies; ``seed`` is the design's seed. Participant numbers are smaller than the numbers of the named streams
+# Studies; ``seed`` is the design's seed. Participant numbers are smaller than the constants of the other streams
 
 
 def condition_order_generator(seed: int) -> Generator:

@@ -1,4 +1,4 @@
-"""Find the line numbers of values in TOML text, for error messages."""
+"""Line numbers of values in TOML text, for error messages."""
 
 import re
 from typing import Any
@@ -27,7 +27,7 @@ def line_of(text: str, place: Place) -> int:
 
 
 def _marked_line(text: str, place: Place) -> int:
-    """Returns the line number of a value, from 1. A marker replaces the value and is then searched in the text."""
+    """Returns the line number of a value, from 1. A marker replaces the value; its position gives the line."""
     document: Any = tomlkit.parse(text)
     parent: Any = document
     for key in place[:-1]:

@@ -1,4 +1,4 @@
-"""Files with their contents, for processes on other computers that cannot read the files."""
+"""Files that are sent, with their contents, to processes on other computers."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,16 +19,19 @@ class TransferredFile:
 
     @classmethod
     def read(cls, name: str) -> "TransferredFile":
-        """Read the file with this name. If there is no such file, only the name is stored."""
+        """Returns the file with this name and its contents. If there is no such file, only the name is stored."""
         return cls(name, Path(name).read_bytes() if Path(name).is_file() else None)
 
     @classmethod
     def read_folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
-        """Read ``files``, which are in the folder ``name``."""
+        """Returns the folder ``name`` with the contents of its ``files``."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
     def local_path(self) -> str:
-        """Returns the name if it is the path of the same files here, otherwise the path of a temporary copy."""
+        """Returns a path of the files on this computer.
+
+        This is the name, if identical files are at this path; otherwise the path of a temporary copy.
+        """
         found = all(path.is_file() and path.read_bytes() == content for path, content in self._at(self.name))
         return self.name if found else _copy(self)
 

@@ -1,4 +1,4 @@
-"""Plug-ins that a recording, study or training used: package, version, and hash of the files.
+"""Plug-ins of a recording, study or training run: package, version, and hash of the files.
 
 Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``own_version``.
 """
@@ -71,7 +71,7 @@ def plugin_of_controller(name: str) -> UsedPlugin:
 
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
-    """Returns descriptions of the plug-ins that differ. A plug-in that ``before`` lacks is described as not stored."""
+    """Returns a text for each plug-in whose package, version or files differ between ``before`` and ``now``."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
         f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
