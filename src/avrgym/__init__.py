@@ -31,7 +31,7 @@ def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv
         from avrgym.envs.parallel import AssistiveParallelEnv
     except ModuleNotFoundError as error:
         raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[pettingzoo]` installs it"
+            f"the package {error.name} is not installed; run `pip install avrgym[pettingzoo]`"
         ) from error
     return AssistiveParallelEnv(environment_id, **arguments)
 

@@ -69,7 +69,7 @@ def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
         recordings = _in_browser(make_session, participant, pictures, log)
     except BrowserMissingError as error:
         without_browser = str(error)
-        log(f"no browser: {error}; running the same session in one process")
+        log(f"no browser is available: {error}; the session runs in one process without a browser")
         recordings = _in_process(make_session, participant, log)
     return DemoResult(_write_pages(recordings, out), recordings, without_browser)
 
@@ -85,7 +85,7 @@ def _in_browser(
         LiveServer(lambda send: make_session(send, workers), "127.0.0.1", 0) as server,
         EmulatedHeadset(server.url) as headset,
     ):
-        log(f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium")
+        log(f"the server listens on http://{server.host}:{server.port}; Chromium emulates a headset")
         BrowserClient(headset, server.session, participant, pictures, log).run()
         return list(server.session.recordings)
 

@@ -120,7 +120,7 @@ def test_the_jacobian_is_the_derivative(rng, arm):
 def test_a_chain_needs_its_joints_in_order():
     model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     swapped = ("joint_2", "joint_1", *JACO.arms["right"].joints[2:])
-    with pytest.raises(ValueError, match=r"are \('joint_1', 'joint_2', .*not \('joint_2', 'joint_1'"):
+    with pytest.raises(ValueError, match=r"are \('joint_1', 'joint_2', .*but \('joint_2', 'joint_1'"):
         kinematics.chain_of(model, swapped, JACO.base, JACO.arms["right"].end_effector)
 
 

@@ -386,7 +386,7 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     evaluation = "evaluate", SCRATCHING, "--episodes", 1, "--people"
     assert_refused(
         run("evaluate", FEEDING, "--people", human),
-        f"this human was trained for {SCRATCHING}; allowed for {FEEDING}",
+        f"this human was trained for {SCRATCHING}; for {FEEDING}, train one",
     )
     assert_refused(
         run(*evaluation, robot),

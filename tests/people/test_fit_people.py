@@ -324,15 +324,15 @@ def test_a_handwritten_file_needs_no_source() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[0.50, 0.60]\n\n", "[0.60, 0.50]\n\n", "p.toml: torso_height_m.woman is .* within 0.4 to 0.75 m"),
-        ("man = [0.50", "man = [0.20", "p.toml: torso_height_m.man is .* within 0.4 to 0.75 m"),
+        ("[0.50, 0.60]\n\n", "[0.60, 0.50]\n\n", "p.toml: torso_height_m.woman is .* from 0.4 to 0.75 m"),
+        ("man = [0.50", "man = [0.20", "p.toml: torso_height_m.man is .* from 0.4 to 0.75 m"),
         (
             "[poses.Feeding]",
             "[poses.Feding]",
             "p.toml: poses: unknown task 'Feding'; allowed: Feeding, Drinking",
         ),
         ("waist_x", "hip_x", "p.toml: poses.Feeding: unknown joint 'hip_x'; allowed: waist_x"),
-        ("[-5.0, 5]", "[-5.0, 500]", "p.toml: poses.Feeding.waist_x is .* within -30 to 75 degrees"),
+        ("[-5.0, 5]", "[-5.0, 500]", "p.toml: poses.Feeding.waist_x is .* from -30 to 75 degrees"),
         ("[-5.0, 5]", '"wide"', "p.toml: poses.Feeding.waist_x is wide"),
         ("cooperating = false", "cooperating = 3", "p.toml: cooperating: Expected `?bool"),
         ("cooperating = false", "", "p.toml: .*missing required field cooperating"),
@@ -376,8 +376,12 @@ def test_people_behave_like_the_participants_of_a_file(tmp_path: Path, rng: np.r
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[0.3, 0.02]", "[0.01, 0.02]", "p.toml: behaviour 1: reaction_s is .* within 0.1 to 0.95, standard"),
-        ("[0.5, 0.1]", "[0.5, -0.1]", "p.toml: behaviour 2: facing_share is .* standard deviation from 0"),
+        ("[0.3, 0.02]", "[0.01, 0.02]", "p.toml: behaviour 1: reaction_s is .* from 0.1 to 0.95, standard"),
+        (
+            "[0.5, 0.1]",
+            "[0.5, -0.1]",
+            "p.toml: behaviour 2: facing_share is .* standard deviation of 0 or more",
+        ),
         ("facing_share", "charm", "p.toml: behaviour 2: charm: unknown parameter; allowed: reaction_s, "),
         ("[6, 0.0]", "6", "p.toml: behaviour 1: tremor_hz is 6"),
     ],

@@ -162,7 +162,7 @@ def test_a_condition_changes_the_settings_of_its_trials(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
-        ("seat_height_m = 0.5", "no setting seat_height_m"),
+        ("seat_height_m = 0.5", "no furniture for the setting seat_height_m"),
         ("control_hz = 20", "the same rate"),
         ("range_share = 0.5", "participants have their own bodies"),
     ],

@@ -94,7 +94,7 @@ def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pyte
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
     crowded: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = rf"FeedingJaco-v1: an initial state is drawn \d\.\d times .* allowed: {MAX_MEAN_DRAWS:g}"
+    words = rf"FeedingJaco-v1: an initial state is sampled \d\.\d times .* allowed: {MAX_MEAN_DRAWS:g}"
     with pytest.raises(ValueError, match=words):
         placement_check.check_placement("Jaco")
     monkeypatch.setattr(task_check, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
@@ -116,7 +116,7 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(crowded: None, tmp_p
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert MAX_MEAN_DRAWS < row["start_draws_mean"] <= row["start_draws_max"]
     assert row["starts_refused"] == round(8 * (row["start_draws_mean"] - 1.0))
-    assert f"an initial state is drawn {row['start_draws_mean']:.1f} times on average" in ran.stderr
+    assert f"an initial state is sampled {row['start_draws_mean']:.1f} times on average" in ran.stderr
     assert f"{row['starts_refused']} people were omitted" in ran.stderr
 
 
@@ -141,7 +141,7 @@ def test_a_study_check_reports_often_rejected_bodies(crowded: None, folder: Path
         found = list(check_study_starts(store))
     assert found
     assert not any(each.is_error for each in found)
-    assert "an initial state is drawn" in found[0].message
+    assert "an initial state is sampled" in found[0].message
 
 
 def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

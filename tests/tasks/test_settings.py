@@ -199,10 +199,10 @@ def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particle
         ("Feeding", {"tool": "mug"}, "unknown size of spoon .mug.; allowed: small, medium, large"),
         ("Drinking", {"particles": 1000}, "allowed for a cup: 1 to"),
         ("BedBathing", {"particles": 5}, "BedBathing has no setting 'particles'"),
-        ("Drinking", {"table_offset_m": [0.1, 0.0, 0.0]}, "no setting table_offset_m"),
+        ("Drinking", {"table_offset_m": [0.1, 0.0, 0.0]}, "no furniture for the setting table_offset_m"),
         ("Drinking", {"served_arm": "left"}, "Drinking has no setting served_arm"),
-        ("Drinking", {"bed_height_m": 0.6}, "no setting bed_height_m"),
-        ("BedBathing", {"seat_height_m": 0.5}, "no setting seat_height_m"),
+        ("Drinking", {"bed_height_m": 0.6}, "no furniture for the setting bed_height_m"),
+        ("BedBathing", {"seat_height_m": 0.5}, "no furniture for the setting seat_height_m"),
     ],
 )
 def test_a_tool_that_a_task_does_not_have_is_refused(task: str, values: dict[str, Any], problem: str) -> None:
@@ -260,7 +260,7 @@ def test_drawn_people_have_the_heights_and_ranges_of_the_settings() -> None:
     assert (heights <= 0.62).all()
     assert (episodes.people.range_share == 0.6).all()
     for name in ("torso_height_m", "range_share"):
-        with pytest.raises(ValueError, match=f"a fixed person has their own {name}"):
+        with pytest.raises(ValueError, match=f"the setting {name} is not possible with a fixed person"):
             Episodes(FEEDING, 1, person=Person(), settings=as_settings({name: CHANGED[name]}))
 
 

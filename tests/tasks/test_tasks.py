@@ -47,18 +47,18 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
 @pytest.mark.parametrize(
     ("changes", "error", "said"),
     [
-        ({"name": "Feeding people"}, ValueError, "a task's name is 'Feeding people'; allowed: an identifier"),
+        ({"name": "Feeding people"}, ValueError, "the task name is 'Feeding people'; allowed: an identifier"),
         ({"name": "Fütterung"}, ValueError, "allowed: an identifier of ASCII letters"),
-        ({"name": None}, TypeError, "name of task None is None; allowed: a str"),
-        ({"goal": " "}, ValueError, "the goal of task Feeding is empty"),
+        ({"name": None}, TypeError, "name of task None is None; allowed: a value of type str"),
+        ({"goal": " "}, ValueError, "the field goal of task Feeding is empty"),
         (
             {"offered": "foot"},
             ValueError,
             "offered of task Feeding is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
         ),
-        ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a function"),
-        ({"views": None}, TypeError, "views of task Feeding is None; allowed: a Views"),
-        ({"weights": {}}, ValueError, "the weights of task Feeding are empty"),
+        ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a value of type function"),
+        ({"views": None}, TypeError, "views of task Feeding is None; allowed: a value of type Views"),
+        ({"weights": {}}, ValueError, "the field weights of task Feeding is empty"),
         ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
     ],
 )
@@ -79,7 +79,7 @@ def test_a_missing_field_is_named(part):
 def test_observations_have_parts_of_different_names():
     part = position_entry("tool_m", lambda state, _: state.tool_pos_w)
     for entries in ((), (part, part)):
-        with pytest.raises(ValueError, match="allowed: one or more, with different names"):
+        with pytest.raises(ValueError, match="allowed: one or more entries with different names"):
             Observation(entries)
 
 

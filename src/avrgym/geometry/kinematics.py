@@ -106,17 +106,24 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     segments: list[tuple[str, FloatArray, FloatArray]] = []
     while body != base_id:
         if body == 0:
-            raise ValueError(f"body {tip!r} is not a descendant of {base!r}")
+            raise ValueError(
+                f"body {tip!r} is not a descendant of {base!r}; allowed: a tip below the base in the model"
+            )
         if body in joint_of_body:
             segments.insert(0, (joint_of_body[body], pos, q))
             pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
         elif model.body_jntnum[body]:
-            raise ValueError(f"body {model.body(body).name!r} between {base!r} and {tip!r} has another joint")
+            raise ValueError(
+                f"body {model.body(body).name!r} between {base!r} and {tip!r} has a joint that is not in the list "
+                f"{tuple(joints)}; add this joint to the list"
+            )
         pos, q = transforms.compose(model.body_pos[body], model.body_quat[body], pos, q)
         body = int(model.body_parentid[body])
     names = tuple(name for name, _, _ in segments)
     if names != tuple(joints):
-        raise ValueError(f"the joints from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
+        raise ValueError(
+            f"the joints from {base!r} to {tip!r} are {names}, but {tuple(joints)} are given; list them in this order"
+        )
     # A transform after a joint belongs to the link before the next joint; the last one leads to the tip.
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
     ranges = np.stack([_range(model, name) for name in joints])
@@ -356,7 +363,10 @@ def is_accurate(solution: Solution) -> BoolArray:
 
 
 def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """Returns the solutions ``old`` (N rows). A row in ``rows`` is replaced by the one in ``new`` with a smaller error."""
+    """Returns the solutions ``old`` (N rows), improved by the solutions ``new``.
+
+    A solution in ``new`` replaces its row in ``rows`` if its error is smaller.
+    """
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]

@@ -180,7 +180,7 @@ def _mouth_goals(
     tool_w: FloatArray,
     posture: Posture,
 ) -> FloatArray:
-    """Returns goals (N, 20) that turn the face to the tool. The waist leans towards a tool that is near and in front."""
+    """Returns goals (N, 20) that turn the face to the tool. The waist leans towards a near tool in front."""
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w

@@ -127,7 +127,7 @@ def _estimate_mistakes(place: str, name: str, found: Any) -> Iterator[str]:
         return
     low, high = PARAMETER_BOUNDS.get(name, ANY_VALUE)
     if not (_are_numbers(found) and low <= found[0] <= high and 0.0 <= found[1] < inf):
-        yield f"{place} is {found}; allowed: [mean within {low:g} to {high:g}, standard deviation from 0]"
+        yield f"{place} is {found}; allowed: [mean from {low:g} to {high:g}, standard deviation of 0 or more]"
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -138,7 +138,7 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def _range_mistakes(place: str, found: Any, limits: ValueRange, unit: str) -> Iterator[str]:
     if not (_are_numbers(found) and limits[0] <= found[0] <= found[1] <= limits[1]):
         low, high = limits
-        yield f"{place} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"
+        yield f"{place} is {found}; allowed: [lowest, highest], both from {low:g} to {high:g} {unit}"
 
 
 def _are_numbers(found: Any) -> bool:

@@ -10,8 +10,8 @@ TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO = "zoo/train", "zoo/unseen", "zoo/extreme"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, ANTHROPOMETRIC, TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO)
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join(STYLES)}), one of these with @1 for the motion of version 1, a people file, a trained human, or a "
-    "folder of those"
+    f"({', '.join(STYLES)}), one of these with @1 for motion version 1, a people file, the policy file of a trained "
+    "human, or a folder of such policy files"
 )
 """The allowed values of ``people``, for help and error messages."""
 
@@ -31,7 +31,7 @@ SEVERITIES: Mapping[Impairment, tuple[str, ...]] = {
 """Severities of each clinical impairment, the least severe first."""
 IMPAIRMENTS: tuple[Impairment, ...] = (*REFERENCE_IMPAIRMENTS, *SEVERITIES)
 ALLOWED_IMPAIRMENTS = (
-    f"{', '.join(IMPAIRMENTS)}; those after tremor with a severity such as spasticity:severe "
+    f"{', '.join(IMPAIRMENTS)}; clinical impairments also with a severity, such as spasticity:severe "
     f"({', '.join(_DEGREES)}) or spinal_cord_injury:C5 ({', '.join(SEVERITIES['spinal_cord_injury'])})"
 )
 """The allowed values of ``impairment``, for help and error messages."""

@@ -71,7 +71,7 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
     files = human_files(Path(name_or_path))
     if not files:
         raise ValueError(
-            f"{name_or_path} contains no trained human; allowed: a folder of trainings with --recipe pair, or of "
+            f"{name_or_path} contains no trained human; allowed: a folder of training runs with --recipe pair, or of "
             f"their {HUMAN_FILE} files"
         )
     return tuple(_trained(file, tasks) for file in files)

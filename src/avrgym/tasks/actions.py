@@ -56,7 +56,7 @@ class DeviceActions:
             found = getattr(action, part, None)
             if found != wanted:
                 raise ValueError(
-                    f"actions of {part} {found}; allowed: tensors of shape {self._shape}, {there.dtype} on "
+                    f"actions have the {part} {found}; allowed: tensors of shape {self._shape}, {there.dtype} on "
                     f"{there.device}"
                 )
         xp = namespace(action)

@@ -112,7 +112,7 @@ class Episodes:
                 f"force_guard is not possible on a device; set on_device=False, or use engine {THREADS!r}"
             )
         if rules is not None and engine != THREADS:
-            raise ValueError(f"rules are not possible with engine {engine!r}; allowed: {THREADS}")
+            raise ValueError(f"rules for pacing are not possible with engine {engine!r}; allowed: {THREADS}")
         self._made_with = {
             "people": people,
             "person": person,
@@ -145,13 +145,13 @@ class Episodes:
         acts_each_step = self._people.move and (self._people.need_host or on_device)
         if acts_each_step and settings.control_hz != DEFAULTS.control_hz:
             raise ValueError(
-                "people with human actions or trained policies, and people on a device, act once a control step; "
-                f"allowed with them: control_hz={DEFAULTS.control_hz}"
+                f"control_hz is {settings.control_hz}; allowed for people with human actions, with trained policies "
+                f"or on a device: control_hz={DEFAULTS.control_hz}"
             )
         if on_device and self._people.need_host:
             raise ValueError(
-                "people with human actions or trained policies need the engine threads; "
-                f"allowed with {engine}: other people"
+                "on_device is not possible for people with human actions or trained policies; "
+                "set on_device=False, or use other people"
             )
         self.action_size = len(self.scene.action_names)
         """Length A of an action, see ``SceneConfig.action_names``."""
@@ -241,7 +241,8 @@ class Episodes:
             for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
                 raise NoClearanceError(
                     f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
-                    f"{MAX_REACH_DRAWS} initial states; {self._tool_error_m[world]:.2f} m are missing in the last one"
+                    f"{MAX_REACH_DRAWS} initial states; in the last one the distance is "
+                    f"{self._tool_error_m[world]:.2f} m; change these settings"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():

@@ -85,7 +85,7 @@ class Observation:
         if not names or len(set(names)) < len(names):
             raise ValueError(
                 f"the observation has the entries {', '.join(names) or 'none'}; "
-                "allowed: one or more, with different names"
+                "allowed: one or more entries with different names"
             )
 
     @property
@@ -122,7 +122,7 @@ class Observation:
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
                 raise ValueError(
-                    f"entry {entry.name} of the observation has {part.shape[1]} values; allowed: {entry.size}, its size"
+                    f"entry {entry.name} of the observation has {part.shape[1]} values; its size is {entry.size}"
                 )
         return namespace(*parts).concat(parts, axis=-1)
 

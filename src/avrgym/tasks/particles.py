@@ -50,5 +50,5 @@ def check_count(state: State, events: BoolArray) -> None:
     if events.shape[1] != carried:
         raise ValueError(
             f"the tool carries {carried} particles, but the task state has {events.shape[1]}; "
-            f"allowed: init_state=partial(init_state, particles={carried})"
+            f"set init_state=partial(init_state, particles={carried}) in the task"
         )

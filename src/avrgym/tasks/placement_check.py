@@ -52,9 +52,9 @@ def describe_excess_draws(mean: float, maximum: int) -> str:
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
-        f"an initial state is drawn {mean:.1f} times on average and {maximum} times at most until it has no collision; "
-        f"allowed: {MAX_MEAN_DRAWS:g} on average: move the tool's start pose or the robot's mount, or choose another "
-        "seed pose"
+        f"an initial state is sampled {mean:.1f} times on average and {maximum} times at most until it has no "
+        f"collision; allowed: {MAX_MEAN_DRAWS:g} on average; move the tool's start pose or the robot's mount, "
+        "or choose another seed pose"
     )
 
 
@@ -118,7 +118,7 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
     own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
     if not own:
         raise ValueError(
-            f"{robot} has no environment; `avrgym envs` lists the environments and skipped packages"
+            f"robot {robot} has no environments; `avrgym envs` lists the environments and skipped packages"
         )
     return {environment: check_starts(environment) for environment in own}
 

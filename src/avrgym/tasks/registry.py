@@ -131,7 +131,7 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
     """
     task = TASKS[name].with_settings(settings)
     if settings.served_arm is not None and task.served_arm is None:
-        raise ValueError(f"{name} has no setting served_arm; allowed: leave it out")
+        raise ValueError(f"task {name} has no setting served_arm; remove this setting")
     mirrored = settings.served_arm not in (None, task.served_arm)
     scene = scene_with_settings(task.scene(find_robot(robot)), settings, mirrored=mirrored)
     if scene.task_scene is None:

@@ -30,7 +30,7 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
         given["backrest_deg"] = settings.backrest_deg
     for name in _KEYWORDS:
         if getattr(settings, name) is not None and not has_furniture(scene, name):
-            raise ValueError(f"the scene has no setting {name}; allowed: leave it out")
+            raise ValueError(f"the scene has no furniture for the setting {name}; remove this setting")
     if mirrored:
         given["mirrored"] = True
     mount = _mount(scene.mount, settings, mirrored=mirrored, rise_m=(rise_m or 0.0) * scene.posture.seated)

@@ -213,28 +213,29 @@ class Task:
             self._check_part(part, callable(getattr(self, part)), "function")
         if not (self.name.isascii() and self.name.isidentifier()):
             raise ValueError(
-                f"a task's name is {self.name!r}; allowed: an identifier of ASCII letters and digits"
+                f"the task name is {self.name!r}; allowed: an identifier of ASCII letters and digits"
             )
         if not self.goal.strip():
-            raise ValueError(f"the goal of task {self.name} is empty; allowed: a sentence")
+            raise ValueError(f"the field goal of task {self.name} is empty; allowed: one sentence")
         if self.offered not in OFFERED_PARTS:
             raise ValueError(
-                f"offered of task {self.name} is {self.offered!r}; allowed: {', '.join(map(repr, OFFERED_PARTS))}"
+                f"the field offered of task {self.name} is {self.offered!r}; allowed: "
+                f"{', '.join(map(repr, OFFERED_PARTS))}"
             )
         share = self.strength_share
         if share is not None and not _is_strength_share(share):
             raise ValueError(
-                f"strength_share of task {self.name} is {share!r}; allowed: above 0 to 1, such shares by joint "
-                f"({', '.join(JOINTS)}), or None"
+                f"the field strength_share of task {self.name} is {share!r}; allowed: None, a number above 0 and up "
+                f"to 1, or such numbers by joint name ({', '.join(JOINTS)})"
             )
         if "head" not in self.tracked or not set(self.tracked) <= set(BODY_PARTS):
             raise ValueError(
-                f"tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' for the "
-                "arms that the robot works on"
+                f"the field tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' "
+                "for the arms that the robot works on"
             )
         if not self.weights:
             raise ValueError(
-                f"the weights of task {self.name} are empty; allowed: a weight for each reward term"
+                f"the field weights of task {self.name} is empty; allowed: a weight for each reward term"
             )
         if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
             raise ValueError(
@@ -248,7 +249,9 @@ class Task:
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
-            raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
+            raise TypeError(
+                f"the field {part} of task {self.name} is {getattr(self, part)!r}; allowed: a value of type {kind}"
+            )
 
     @property
     def served_arm(self) -> Side | None:
@@ -265,7 +268,7 @@ class Task:
         if not given:
             return self
         if self.variant is None:
-            raise ValueError(f"task {self.name} has no setting {given[0]!r}; remove it")
+            raise ValueError(f"task {self.name} has no setting {given[0]!r}; remove this setting")
         # Settings of the scene do not make another variant.
         return self.variant(Settings(**{name: getattr(settings, name) for name in given}))
 

@@ -38,7 +38,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
     first, again = (_observations(episodes, expert, where) for _ in range(2))
     if first.tobytes() != again.tobytes():
         raise ValueError(
-            f"{where}: the same seeds gave different episodes; use only the random numbers in the arguments"
+            f"{where}: two episodes with the same seed differ; use only the random numbers in the arguments"
         )
 
 
@@ -73,5 +73,5 @@ def _check_step(episodes: Episodes, step: Step, where: str) -> None:
     for name, values, kinds in (("success", step.success, "b"), ("events", step.events, "bi")):
         if np.shape(values) != (WORLDS,) or np.asarray(values).dtype.kind not in kinds:
             raise ValueError(
-                f"{where}: {name} is {values!r}; allowed: an array of shape (N,), kind {kinds!r}"
+                f"{where}: {name} is {values!r}; allowed: an array (N,) of NumPy kind {' or '.join(kinds)}"
             )

@@ -51,15 +51,15 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
         trained_for = population.trained.metadata.environment
         if trained_for != environment_id:
             raise PolicyError(
-                f"{population.name}: this human was trained for {trained_for}; allowed for {environment_id}: humans of "
+                f"{population.name}: this human was trained for {trained_for}; for {environment_id}, train one with "
                 f"`avrgym train {environment_id} --recipe pair`"
             )
         view, joints = human_view_of(environment_id)
         sizes = (population.trained.observation_size, population.trained.action_size)
         if sizes != (view.size, joints):
             raise PolicyError(
-                f"{population.name}: a human with {sizes[0]} observations and {sizes[1]} actions; {environment_id} "
-                f"has {view.size} and {joints}"
+                f"{population.name}: the lengths of observation and action are {sizes[0]} and {sizes[1]}; allowed in "
+                f"{environment_id}: {view.size} and {joints}"
             )
     return populations
 
@@ -108,7 +108,7 @@ class WorldPeople:
         given = [name for name in PERSON_SETTINGS if name in settings.changed]
         if given and person is not None:
             raise ValueError(
-                f"a fixed person has their own {given[0]}; allowed: leave out {given[0]}, or the person"
+                f"the setting {given[0]} is not possible with a fixed person; remove {given[0]} or the person"
             )
         self._settings = settings
         self.person = person
@@ -126,7 +126,7 @@ class WorldPeople:
         self._actions = human_actions or by_policy
         if self._actions and self._frame.mirrored:
             raise ValueError(
-                "people with human actions or trained policies offer the arm of the task; allowed with them: no "
+                "the other served_arm is not possible for people with human actions or trained policies; remove "
                 "served_arm"
             )
         are_partners = any(each.distribution.partners is not None for each in self._populations)
@@ -191,7 +191,10 @@ class WorldPeople:
         )
 
     def reset(self, ids: IntArray, uniforms: FloatArray) -> People:
-        """Sample people for worlds ``ids`` (n,) from uniform random numbers (n, ``NUM_UNIFORMS``). Returns the people."""
+        """Sample people for worlds ``ids`` (n,) and return them.
+
+        ``uniforms`` (n, ``NUM_UNIFORMS``) are uniform random numbers.
+        """
         bounds = np.cumsum([distributions.NUM_UNIFORMS, impairments.NUM_UNIFORMS])
         for_bodies, for_impairments, for_behaviour = np.split(uniforms, bounds, axis=1)
         chosen = choose_index(for_behaviour[:, _POPULATION], len(self._populations))

@@ -54,7 +54,7 @@ def heading_w(scene: SceneConfig) -> FloatArray:
 
 
 def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
-    """Returns the rotation (N, 4) of a scooper below the forearm, with its handle along the direction ``heading`` (3,)."""
+    """Returns the rotation (N, 4) of a scooper below the forearm, with its handle along ``heading`` (3,)."""
     z_w = upwards_w(arm)
     ahead = constant_like(heading, z_w)
     x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])

@@ -87,7 +87,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Returns the observation: tool, forearm, joints of the robot's arm, positions of the person's arm, and tool force."""
+    """Returns the observation: tool, forearm, joints of the robot's arm, the person's arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -75,7 +75,7 @@ def _left_arm_from_torso(geom: int, end: int) -> EntryFunction:
 
 
 def observation(scene: SceneConfig) -> Observation:
-    """Returns the observation: tool, joints of the robot's arm, positions of the person's left arm, and tool force."""
+    """Returns the observation: tool, joints of the robot's arm, the person's left arm, and tool force."""
     return Observation(
         (
             seen.TOOL_FROM_ROBOT,

@@ -59,7 +59,10 @@ def init_state(
 def evaluate_step(
     state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
 ) -> StepResult:
-    """Evaluate a step. Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled."""
+    """Evaluate a step.
+
+    Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled.
+    """
     check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state, cup))
     drinkable = outside & ~task_state.spilled

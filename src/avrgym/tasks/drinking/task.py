@@ -36,7 +36,10 @@ def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Returns initial states with the robot's hand within ±5 cm of a point in front of the person. The cup is upright."""
+    """Returns initial states with the robot's hand within ±5 cm of a point in front of the person.
+
+    The cup is upright.
+    """
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)
