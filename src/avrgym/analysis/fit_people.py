@@ -103,7 +103,7 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
     if len(sexes) < 2:
         broken = f" Unusable recordings: {'; '.join(left_out)}." if left_out else ""
         raise StudyError(
-            f"{folder}: participants with usable completed trials: {len(sexes)}; the fit needs 2 or more.{broken}"
+            f"{folder}: the fit needs at least 2 participants with completed trials, found {len(sexes)}.{broken}"
         )
     men = list(sexes.values()).count("man")
     source = FittedStudy(title, men, len(sexes) - men, len(trials), simulated)
