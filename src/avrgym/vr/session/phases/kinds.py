@@ -190,7 +190,7 @@ class RobotFinishedPhase(LocatedPhase):
     def repeat(self) -> phases.TrialStart | Self:
         if self.state.storage.attempt is None:
             return self._report(
-                "this trial cannot be repeated, because it is complete; only its questions are open"
+                "the trial is complete and cannot be repeated; only its questions are open"
             )
         return super().repeat()
 
