@@ -350,7 +350,10 @@ def test_consents_of_earlier_versions_are_notes(folder: Path) -> None:
     with Store(folder) as store:
         assert store.consents(pseudonym) == given
         (found,) = [each for each in check_study(store) if each.where == "consent"]
-        assert (found.message, found.is_error) == (f"text not archived: that of {pseudonym}", False)
+        assert (found.message, found.is_error) == (
+            f"the archive lacks the consent text of {pseudonym}",
+            False,
+        )
         record_consent(store, enrol(store, "man"))
     assert about_consent(folder) == []
     reword(folder, "You take part", "You never take part")
@@ -405,7 +408,7 @@ def test_rebuild_restores_consents_from_recordings(folder: Path, recorded: bool)
         else:
             assert (again.agreed, again.version, again.sha256) == (True, None, None)
         run_participant(store, pseudonym)
-    not_archived = f"text not archived: that of {pseudonym}"
+    not_archived = f"the archive lacks the consent text of {pseudonym}"
     assert [each.message for each in about_consent(folder) if each.where == "consent"] == (
         [] if recorded else [not_archived]
     )

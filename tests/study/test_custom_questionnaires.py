@@ -126,7 +126,7 @@ def test_questionnaire_has_one_or_several_moments(tmp_path: Path) -> None:
     ("when", "words"),
     [
         ("[]", "length >= 1"),
-        ('["before_session", "never"]', "'never' is not known; allowed: before_session, after_trial"),
+        ('["before_session", "never"]', "unknown value 'never'; allowed: before_session, after_trial"),
         ('["after_session", "after_session"]', "'after_session' is listed twice"),
         ("3", "when"),
     ],

@@ -156,7 +156,7 @@ def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.Mon
     for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
         monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))
     before = files(store.folder)
-    words = "names and contacts of 1 participant were due on 2126-12-30"
+    words = "names and contacts of 1 participant must be deleted since 2126-12-30"
     (finding,) = check_retention_periods(store)
     assert words in finding.message
     assert not finding.is_error

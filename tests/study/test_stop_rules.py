@@ -70,7 +70,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
             2,
             "at_least = 1 is not useful for nausea; allowed: above 1, at most 4",
         ),
-        ('then = "pause"', 'then = "stop"', 3, "'stop' is not known; allowed: pause, end"),
+        ('then = "pause"', 'then = "stop"', 3, "unknown value 'stop'; allowed: pause, end"),
         ('then = "pause"', 'then = "pause"\nof = 3', 4, "unknown name 'of'; allowed: item, at_least, then"),
     ],
 )

@@ -82,8 +82,8 @@ MISTAKES = [
     ('id = "L4"', 'id = "L1"', "'L1' is used twice"),
     ('robot.", points = 7', 'robot.", points = 1', "points: Expected int >= 2"),
     ('{ id = "L3", ', "{ ", "missing required field id"),
-    ('when = "after_trial"', 'when = "never"', "'never' is not known; allowed: before_session, after_trial"),
-    ('order = "fixed"', 'order = "alphabetical"', "'alphabetical' is not known; allowed: fixed, random"),
+    ('when = "after_trial"', 'when = "never"', "unknown value 'never'; allowed: before_session, after_trial"),
+    ('order = "fixed"', 'order = "alphabetical"', "unknown value 'alphabetical'; allowed: fixed, random"),
     ('version = "1"', 'version = ""', "version: Expected str of length >= 1"),
     ('url = ""', 'url = "mysql://host"', 'allowed: "" or postgresql://user@host/name'),
 ]  # fmt: skip

@@ -74,7 +74,7 @@ def test_use_adds_items_of_an_instrument(name: str) -> None:
             2,
             "unknown name 'items'; allowed: use, name, when",
         ),
-        ('use = "ssq"\nwhen = "later"', 2, "'later' is not known; allowed: before_session"),
+        ('use = "ssq"\nwhen = "later"', 2, "unknown value 'later'; allowed: before_session"),
         ('use = "ssq"\nwhen = "after_trial"\nweights = { }', 3, "allowed: weights with use of nasa-tlx"),
         (
             f'use = "nasa-tlx"\nwhen = "after_trial"\nweights = {{ {WEIGHTS} }}'.replace("5", "4"),

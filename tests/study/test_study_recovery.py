@@ -125,7 +125,9 @@ def _facts(row: object) -> dict:
 def test_existing_database_is_not_rebuilt(old: Path) -> None:
     with Store(old) as opened:
         before = opened.participants()
-    with pytest.raises(StudyError, match="has a database; only a lost database can be rebuilt"):
+    with pytest.raises(
+        StudyError, match="has a database; `avrgym study rebuild` only rebuilds a lost database"
+    ):
         rebuild_study(old)
     with Store(old) as opened:
         assert opened.participants() == before

@@ -45,7 +45,7 @@ _MAX_LISTED = 3
 
 
 def check_study(store: Store) -> list[Finding]:
-    """Run all checks of a study and return their findings. Nothing is changed."""
+    """Returns the findings of all checks of a study. Nothing is changed."""
     findings: list[Finding] = []
     for check in CHECKS:
         try:
@@ -203,7 +203,7 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
-    """Returns the reason why the merge omitted this recording; empty if it was not omitted."""
+    """Returns the reason why a merge of sites omitted this recording; empty if it was not omitted."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, attempt=attempt.id)
     return next((event.detail for event in events if event.name == RECORDING_LEFT_OUT), "")
@@ -259,14 +259,12 @@ def _jumped(stream: str, times: SampleTimes) -> str:
 
 
 def _common_metrics(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
-    """Returns the steps, reward and success: they must be equal in database and recording. Durations may differ."""
+    """Returns the metrics that must be equal in database and recording: steps, reward and success."""
     return metrics.steps, metrics.reward, metrics.success
 
 
 def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Mapping[str, Any]:
-    """Returns the values of an attempt in the database, by name. The attempt's recording must contain the same
-    values.
-    """
+    """Returns the values of an attempt in the database, by name. Its recording must contain the same values."""
     values = {
         "environment": trial.environment,
         "policy": trial.policy,
@@ -280,8 +278,9 @@ def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Ma
 def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[StudyAnswer]
 ) -> Iterator[str]:
-    """Yields the names of values that are different in recording and database. A truncated recording may lack
-    answers.
+    """Yields the names of values that differ between recording and database.
+
+    A truncated recording may lack answers.
     """
     configuration = recording.configuration
     recorded_values = {

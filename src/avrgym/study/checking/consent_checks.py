@@ -14,9 +14,7 @@ from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
-    """Yields findings about different texts with the same version, changed texts, and consents without an archived
-    text.
-    """
+    """Yields findings about consent texts: different texts with one version, changed texts, and missing texts."""
     with store.database.read() as connection:
         consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
     for kept in archive:
@@ -30,7 +28,9 @@ def check_consents(store: Store) -> Iterator[Finding]:
     without = [each for each in consents if each.sha256 not in archived]
     if without:
         yield Finding(
-            "consent", f"text not archived: that of {consenting_participants(without)}", is_error=False
+            "consent",
+            f"the archive lacks the consent text of {consenting_participants(without)}",
+            is_error=False,
         )
 
 

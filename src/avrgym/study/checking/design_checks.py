@@ -33,16 +33,17 @@ from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whi
 ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
 CONSENT_FIELD = "consent"
-"""A design field that another check compares, for each participant separately."""
+"""Design field of the consent text. Another check compares it for each participant."""
 FIELDS_WITHOUT_EFFECT = ("title", "participants", "max_held_share", "max_repeats")
-"""Design fields without effect on participants. A different value is not an error."""
+"""Design fields that do not affect participants. A different value is not an error."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that is different in the current design (``present``) and in the design of ``sessions`` (``used``).
+    """A value that differs between the current design and the design of sessions.
 
-    A missing value is ``MISSING``.
+    ``place``: key path of the value. ``present``: value in the current design. ``used``: value in the design of
+    ``sessions``. A missing value is ``MISSING``.
     """
 
     file: str
@@ -53,9 +54,7 @@ class Difference:
 
 
 def check_design(store: Store) -> Iterator[Finding]:
-    """Yields findings about differences between the current design, the designs of sessions and admissions, and
-    recordings.
-    """
+    """Yields findings about differences from the current design in sessions, admissions and recordings."""
     sessions = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), sessions):
         is_error = each.place[0] not in FIELDS_WITHOUT_EFFECT and not is_accepted_site_difference(
@@ -70,7 +69,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Yields a finding about sessions of earlier versions of AVR Gym: the database does not contain their designs."""
+    """Yields a finding about sessions without a stored design, which earlier versions of AVR Gym recorded."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:
@@ -128,9 +127,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
-    """Yields findings about differences between the current inclusion questions and those that participants
-    answered.
-    """
+    """Yields findings about differences between the current and the answered inclusion questions."""
     for (place, here, there), people in admission_differences(store, store.design, ADMISSION_FIELDS):
         message = f"{key_path_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{message} {', '.join(people)}")
@@ -142,7 +139,7 @@ def admission_differences(
     """Compare fields of a design with the design at each participant's admission.
 
     Returns:
-        Each difference (place, value in ``design``, value at admission), and the pseudonyms of its participants.
+        Each difference (key path, value in ``design``, value at admission), and the pseudonyms of its participants.
     """
     found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
     expected = {name: comparable_values(design)[name] for name in fields}

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding: place (``where``), message, and whether it is an error that must be corrected."""
+    """A finding of a check.
+
+    ``where``: file, participant, trial or part of the study. ``is_error``: the finding must be corrected.
+    """
 
     where: str
     message: str

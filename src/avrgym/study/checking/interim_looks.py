@@ -9,13 +9,14 @@ from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
 RESULTS_LOCATION = "results"
-"""Place (``where``) of the findings of this check."""
+"""The value of ``Finding.where`` for interim looks."""
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """Yields one finding for all interim looks of one person at the same number of completed participants.
+    """Yields findings about interim looks: views of results before all planned participants completed the study.
 
-    The planned number of participants is the larger of ``planned`` and the design's number at the time of the look.
+    One finding contains all views of one person at the same number of completed participants. The planned number of
+    participants is the maximum of ``planned`` and the design's number at the time of the view.
     """
     sites = site_names(store)
     looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
@@ -35,9 +36,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:
-    """Returns whether the log entry is a view of results before the planned number of participants completed the
-    study.
-    """
+    """Returns whether the log entry is a view of results before all planned participants completed the study."""
     if entry.completed is None or entry.planned is None:
         return False
     return entry.completed < max(planned, entry.planned)

@@ -32,7 +32,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.invalid_copies():
-        yield Finding(path.name, f"is an invalid {FILE} that was replaced; find the cause, then remove it")
+        yield Finding(path.name, f"is an invalid, replaced {FILE}; find the cause, then remove the file")
     listed = store.participation()
     if listed is None:
         return
@@ -55,7 +55,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """Yields a note if the list was begun after the first enrolment."""
+    """Yields a finding if the list was started after the first enrolment."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.without_participant[0]["detail"]
@@ -66,9 +66,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """Yields the notes about restored states of participants, older copies of the study, and confirmed
-    participation.
-    """
+    """Yields findings about restored states, older copies of the study, and confirmed participation."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
@@ -101,7 +99,7 @@ def list_error(store: Store, listed: Participation | None, beginnings: Mapping[i
 
 
 def restored_recordings_message(deleted_at: str) -> str:
-    """Returns the error message for a deleted participant whose recordings exist again, for example from a backup."""
+    """Returns the error message about recordings of a deleted participant, for example from a backup."""
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
         "`avrgym study delete-participant` removes them"

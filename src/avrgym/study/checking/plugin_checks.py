@@ -17,7 +17,11 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 
 @dataclass(frozen=True)
 class RecordedPlugin:
-    """A plug-in of one trial: its recorded version (``recorded``) and its installed version (``present``)."""
+    """A plug-in of one trial.
+
+    ``label``: type and name of the plug-in. ``recorded``: plug-in and version in the recording. ``present``: the
+    installed plug-in and version. ``participant``: pseudonym. ``position``: position of the trial.
+    """
 
     label: str
     recorded: str
@@ -28,15 +32,14 @@ class RecordedPlugin:
 
 
 def check_plugins(store: Store) -> Iterator[Finding]:
-    """Yields findings about plug-ins that differ between completed trials, or between the trials and this
-    installation.
-    """
+    """Yields findings about plug-ins that differ between completed trials, or from the installed plug-ins."""
     return plugin_findings(_recorded(store))
 
 
 def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
-    """Yields findings about different plug-ins. Trials of people and of simulated participants are compared
-    separately.
+    """Yields findings about plug-ins that differ between trials, or from the installed plug-ins.
+
+    Trials of people and of simulated participants are compared separately.
     """
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:

@@ -59,8 +59,9 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """Returns the source of a policy as text, and the policy's file, if any. Raises ``PolicyError`` for a missing
-    policy.
+    """Returns the source of a policy as text, and the policy's file (``None`` without one).
+
+    Raises ``PolicyError`` for a missing policy.
     """
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
@@ -74,9 +75,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 
 def used_policies(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
-    """Returns the policy files that sessions used, by environment and policy. Files of a policy are in order of first
-    use.
-    """
+    """Returns the policy files that sessions used, by environment and policy, in order of first use."""
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for entry in session_designs(store):

@@ -60,9 +60,9 @@ def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
 
 
 def check_initial_states(store: Store) -> Iterator[Finding]:
-    """Yields findings about environments in which a body has no valid initial state, or too many rejected samples.
+    """Yields findings about environments without a valid initial state, or with too many rejected samples.
 
-    A few initial states are sampled with the shortest and with the tallest body that calibration accepts.
+    The check samples a few initial states with the shortest and the tallest body that calibration accepts.
     """
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)

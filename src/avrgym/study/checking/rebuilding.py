@@ -51,8 +51,8 @@ LOST_WITH_INVALID_LIST = (
 class RebuildSummary:
     """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
-    ``unknown``: number of participants whose consent or withdrawal is unknown. ``left_out``: messages about omitted
-    participants and recordings.
+    ``unknown``: number of participants with unknown consent or withdrawal. ``lost``: data that were not rebuilt, as
+    text. ``left_out``: messages about omitted participants and recordings.
     """
 
     participants: int
@@ -90,8 +90,8 @@ class _RecordedAttempt:
 def rebuild_study(folder: Path) -> RebuildSummary:
     """Rebuild the lost database of a study. The identity file and complete recordings are not changed.
 
-    Truncated recordings of finished trials are completed. States are read from the participation list. If
-    the list is missing or invalid, all states become ``unknown``, and an invalid list is renamed.
+    Truncated recordings of finished trials are completed. States are read from the participation list. If the list is
+    missing or invalid, all states become ``unknown``, and an invalid list is renamed.
 
     Raises:
         StudyError: if the study has a database, or if the folder contains no design.
@@ -107,12 +107,12 @@ def rebuild_study(folder: Path) -> RebuildSummary:
 
 def _refuse_if_present(folder: Path) -> None:
     if not (folder / DESIGN).is_file():
-        raise StudyError(f"{folder} contains no {DESIGN}")
+        raise StudyError(f"{folder} contains no {DESIGN}; give the folder of a study")
     if not database_url(read_design(folder / DESIGN).database.url) and not (folder / FILE).exists():
         return
     with Store(folder, rebuild=True) as store:
         if store.participants() or store.tombstones():
-            raise StudyError(f"{folder} has a database; only a lost database can be rebuilt")
+            raise StudyError(f"{folder} has a database; `avrgym study rebuild` only rebuilds a lost database")
 
 
 class _Rebuilding:
@@ -154,14 +154,14 @@ class _Rebuilding:
         return LOST_DATA
 
     def _beginnings(self) -> dict[int, datetime]:
-        """Start time of each participant's first recording, by participant number."""
+        """Returns the start time of each participant's first recording, by participant number."""
         recorded_attempts = {number: _flat(visits) for number, visits in self._visits.items()}
         return {
             number: min(each.began_at for each in own) for number, own in recorded_attempts.items() if own
         }
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
-        """Insert a participant and their trials, or store why the participant or the trials are omitted."""
+        """Insert a participant and their trials, or add a message about the omitted participant or trials."""
         content = self._listed.latest.get(number) if self._listed else None
         recorded_attempts = _flat(self._visits[number])
         if content and content["state"] == DELETED:
@@ -390,8 +390,9 @@ def _covers(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> 
 
 
 def _adopt(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> TrialPlans:
-    """Returns the plan with the recorded practice robots and seeds: earlier versions of AVR Gym sampled other
-    values.
+    """Returns the plan with the recorded practice robots and seeds.
+
+    Earlier versions of AVR Gym sampled other values than the plan contains.
     """
     recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(

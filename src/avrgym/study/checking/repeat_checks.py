@@ -1,4 +1,4 @@
-"""Check repeats that experimenters requested: whether there are too many, or whether they depend on policy or outcome.
+"""Check the repeats that experimenters requested: their number, and their dependence on policy and outcome.
 
 The tests are exact. Under the null hypothesis, each trial of a participant and task is equally likely to be repeated.
 All tests together then report a finding in at most 1 % of studies.
@@ -43,7 +43,7 @@ def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
 
 
 REPEATS_LOCATION = "repeats"
-"""Place (``where``) of the findings of this check."""
+"""The value of ``Finding.where`` for repeats."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
 """Significance levels of the tests for policy, condition (robot and policy) and outcome."""
 
@@ -91,8 +91,9 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Yields findings about policies with more or fewer repeats. If there are none, pairs of robot and policy are
-    compared.
+    """Yields findings about policies with more or fewer repeats.
+
+    If there are none, pairs of robot and policy are compared.
     """
 
     def policy(each: AttemptedTrial) -> str:
@@ -149,10 +150,9 @@ def _p(
     in_group: Callable[[AttemptedTrial], bool],
     drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
-    """Returns the p-value of the exact test whether trials in a group are selected (``drawn``) more or less often than
-    others.
+    """Returns the p-value of an exact test, stratified by participant and task.
 
-    The test is stratified by participant and task.
+    Null hypothesis: trials in the group are selected (``drawn``) as often as other trials.
     """
     blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:

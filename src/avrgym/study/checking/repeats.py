@@ -1,4 +1,4 @@
-"""Find repeats: attempts that a later attempt replaced. Each repeat has a reason, and the person who requested it."""
+"""Find repeats: attempts that a later attempt replaced. A repeat has a reason, and a person that requested it."""
 
 import re
 from collections import defaultdict
@@ -15,7 +15,7 @@ REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
 NOT_LOGGED = "not in the log"
 """Used instead of the experimenter's name if no log entry matches."""
 Cause = tuple[str, str]
-"""A reason, and the cause as text."""
+"""A reason of a repeat (one of ``REASONS``), and the cause as text."""
 
 CAUSE_BY_STATE: Mapping[str, Cause] = {
     "repeated": (EXPERIMENTER, "repeated"),
@@ -47,7 +47,8 @@ _ENDED = re.compile(r"attempt (?!running)")
 class Repeat:
     """An attempt that a later attempt replaced.
 
-    ``requested_by``: the experimenter who requested the repeat (``NOT_LOGGED`` if unknown); empty for other reasons.
+    ``reason``: one of ``REASONS``. ``cause``: the cause as text. ``requested_by``: name of the experimenter that
+    requested the repeat (``NOT_LOGGED`` if unknown); empty for other reasons.
     """
 
     participant: Participant
@@ -169,8 +170,7 @@ class _Causes:
         return UNKNOWN, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
-        """Returns the attempt's last event before its end (as a list), and the events after its end up to the next
-        phase.
+        """Returns the events next to the end of an attempt: its last event, and the events until the next phase.
 
         Both lists are empty if the end of the attempt is not stored.
         """

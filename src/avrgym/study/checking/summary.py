@@ -19,7 +19,8 @@ from avrgym.study.storage.store import Store, find_all
 class ParticipantSummary:
     """Progress of one participant; numbers of trials include practice trials.
 
-    ``site_participant``: in a merged study, the pseudonym at the participant's site.
+    ``site_participant``: in a merged study, the pseudonym at the participant's site. ``cell``: index of the
+    participant's trial order.
     """
 
     participant: str
@@ -39,8 +40,9 @@ class ParticipantSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Progress of a study. ``filled``: number of allocated and completed participants in each cell of the design.
+    """Progress of a study.
 
+    ``filled``: number of allocated and completed participants in each cell (trial order) of the design.
     ``completed_cells``: number of completed participants in each cell. ``filled_by_site``: ``filled`` of each site.
     """
 
@@ -90,8 +92,9 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
-    """Returns the numbers of sessions, trials, attempts, answers and open questionnaires, each by participant
-    number.
+    """Returns the numbers of sessions, trials, attempts, answers and open questionnaires of each participant.
+
+    Keys are the name of the column, then the participant number.
     """
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}

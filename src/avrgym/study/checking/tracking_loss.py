@@ -10,8 +10,8 @@ from avrgym.vr.tracking.freshness import STALE_S
 def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> float | None:
     """Returns the share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
-    A frame is valid until the next frame, for at most ``STALE_S``. A frame counts as lost if the whole
-    frame, or one body part in it, is stale or rejected. With ``part``, only this body part is considered.
+    A frame is valid until the next frame, for at most ``STALE_S``. A frame is lost if the whole frame, or one body part
+    in it, is stale or rejected. With ``part``, only this body part is considered.
     """
     span = _assistance_span_s(recording)
     if span is None:
@@ -27,8 +27,9 @@ def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> f
 
 
 def describe_excess_loss(recording: Recording, design: Design) -> str | None:
-    """Returns the reason why a trial is excluded for tracking loss, with the share of each body part; ``None`` if it is
-    not excluded.
+    """Returns the reason why tracking loss excludes a trial, with the share of each body part.
+
+    Returns ``None`` if the trial is not excluded.
     """
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
@@ -47,7 +48,7 @@ def _is_held(frame: TrackingFrame, part: BodyPart | None) -> bool:
 
 
 def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:
-    """Start and end of the robot's assistance, in seconds; ``None`` without control steps.
+    """Returns start and end of the robot's assistance, in seconds; ``None`` without control steps.
 
     If the recording does not contain the start of assistance, the first control step is the start.
     """

@@ -87,7 +87,7 @@ class LiveSessions(Protocol):
         ...
 
     def change_input(self, pseudonym: str, profile: InputProfile) -> None:
-        """Change how the participant of the running session selects and stops, and store it."""
+        """Change and store the input profile of the running session's participant."""
         ...
 
     def renew_link(self, pseudonym: str) -> None:
@@ -97,7 +97,10 @@ class LiveSessions(Protocol):
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A study, the live sessions of this server (``None`` if it runs none), and the experimenter's name."""
+    """The study of a dashboard.
+
+    ``live``: the live sessions of this server; ``None`` if it runs none. ``experimenter``: name of the experimenter.
+    """
 
     store: Store
     live: LiveSessions | None
@@ -151,13 +154,13 @@ class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InputChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to change how the participant selects and stops. ``profile``: see ``recording.input_profile``."""
+    """Request to change the participant's input profile. ``profile``: fields of ``recording.input_profile``."""
 
     profile: dict[str, Any]
 
 
 class NewRespondent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to change who answers the questionnaires: see ``ANSWERING``."""
+    """Request to change the respondent of questionnaires. ``respondent``: one of ``ANSWERING``."""
 
     respondent: str
 
@@ -201,7 +204,7 @@ class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to start a session. ``furniture`` replaces the furniture of the previous session.
 
-    ``own``: it is the participant's own, and is stored for their later sessions.
+    ``own``: the furniture belongs to the participant and is stored for their later sessions.
     """
 
     furniture: RealFurniture | None = None
@@ -332,7 +335,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "sessions": (SessionStart, _begin),
     "links": (NewLink, _renew_link),
 }
-"""Type of the request body and function of each action on a participant, by the last part of the action's route."""
+"""Actions on a participant: type of the request body and function, by the last part of the action's route."""
 LOGGED_AS = {
     "identity": "change identity",
     "input": "change input",
@@ -368,7 +371,9 @@ def dashboard_app(
     def experimenter_only(request: Request) -> None:
         caller = tokens.bearer(request.headers)
         if caller is None or caller.role != "experimenter":
-            raise HTTPException(401, "open the experimenter's address, which the server printed at its start")
+            raise HTTPException(
+                401, "invalid token; open the experimenter's address, which the server printed"
+            )
         request.state.caller = caller
 
     dashboard, log = Dashboard(store, live), DashboardLog(store)

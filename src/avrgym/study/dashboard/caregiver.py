@@ -38,15 +38,16 @@ class CaregiverAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> FastAPI:
-    """Returns the web application for the caregiver of the running or latest session. It accepts only the caregiver's
-    link.
+    """Returns the web application for the caregiver of the running or latest session.
+
+    It accepts only the caregiver's link.
     """
 
     def caregiver_only(request: Request) -> None:
         caller = tokens.bearer(request.headers)
         if caller is None or caller.role != "caregiver" or sessions.caregiver_session is None:
             raise HTTPException(
-                401, "open the caregiver's address of this session, which the dashboard shows"
+                401, "invalid link; open the caregiver's address of this session, which the dashboard shows"
             )
         request.state.session = sessions.caregiver_session
 

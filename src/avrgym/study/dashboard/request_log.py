@@ -36,8 +36,9 @@ def actor_of(caller: Caller) -> Actor:
 
 @dataclass
 class CommandEntry:
-    """Log entry of a command on the dashboard, with the pseudonym of the participant. An enrolment sets the pseudonym
-    after it is created.
+    """Log entry of a command on the dashboard.
+
+    ``participant``: pseudonym of the participant. An enrolment sets the pseudonym after it is created.
     """
 
     participant: str | None
@@ -51,7 +52,7 @@ class DashboardLog:
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a page that a caller views. Repeated requests of the same view add no entry.
+        """Add a log entry for a page that a caller views. Repeated requests of the same view add no entry.
 
         Raises ``StudyError`` if the entry cannot be stored.
         """
@@ -66,7 +67,7 @@ class DashboardLog:
 
     @contextmanager
     def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
-        """Context manager: add an entry for the command, even if the command is rejected."""
+        """Context manager: add a log entry for a command, even if the command is rejected. Yields the entry."""
         at, entry = now(), CommandEntry(pseudonym)
         try:
             yield entry
@@ -85,11 +86,11 @@ class DashboardLog:
 class LiveLog(DashboardLog):
     """Add commands of the live page to the audit log, in the session's storage thread.
 
-    The log entry of a command is therefore stored before the effects of the command.
+    The entry of a command is therefore stored before the effects of the command.
     """
 
     def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:
-        """``report`` is a function that is called with each error message."""
+        """``storing``: executor of the storage thread. ``report``: function that is called with each error message."""
         super().__init__(store)
         self._storing, self._report = storing, report
 

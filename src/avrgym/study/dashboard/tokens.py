@@ -28,7 +28,10 @@ class StudyTokens(Tokens):
         links: SessionLinks,
         caregiver_links: SessionLinks | None = None,
     ) -> Self:
-        """Read the shared tokens from a file. Raises ``ValueError`` for a file without tokens."""
+        """Returns the tokens of a study. The file at ``path`` contains the shared tokens.
+
+        Raises ``ValueError`` for a file without tokens.
+        """
         return cls(
             **asdict(Tokens.load_or_create(path)),
             experimenters=experimenters,
@@ -47,9 +50,7 @@ class StudyTokens(Tokens):
         return None if found == Caller("participant") else found
 
     def refusal(self, token: str) -> Refusal:
-        """Returns the reason why a token is rejected. For the ended link of a participant, the reason is in the
-        participant's language.
-        """
+        """Returns the reason why a token is rejected. For an ended link, it is in the participant's language."""
         if not token:
             return ENTER_CODE
         language = self.links.language_of_expired(token) or self.caregiver_links.language_of_expired(token)

@@ -46,15 +46,16 @@ MIN_FREE_BYTES = 2_000_000_000
 
 @dataclass(frozen=True)
 class SessionLink:
-    """Access to the running session: addresses that contain the session link, and a code."""
+    """Access to the running session: addresses that contain the session link, and the code for the headset."""
 
     addresses: tuple[str, ...]
     code: str
 
 
 def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
-    """Returns the access to the running session; ``None`` without one. ``addresses`` returns the addresses that contain
-    a link.
+    """Returns the access to the running session; ``None`` without a session.
+
+    ``addresses``: function that returns the addresses with a link.
     """
     link, code = links.link, links.code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
@@ -140,12 +141,11 @@ class ParticipantView:
     """One participant. ``identified``: the identity file has an entry. ``may_become``: allowed next states.
 
     ``consent`` and ``inclusion`` (texts by id) are in the participant's ``language``. ``must_reconsent``: the
-    participant accepted another version of the consent text. ``input``: how the participant selects and stops;
-    ``input_words``: the same in one line. ``consents``: all decisions in words. ``missing_consent``: ``proxy`` or
-    ``assent`` if only the other one was given. ``respondent``: who answers the questionnaires.
-    ``furniture``: their own seat
-    and bed, if measured. ``preferences``: for the robot, ``None`` if no condition uses them;
-    ``preferences_words``: the same in words.
+    participant accepted another version of the consent text. ``input``: the input profile; ``input_words``: the same in
+    one line. ``consents``: all consent decisions as text. ``missing_consent``: ``proxy`` or ``assent`` if only the
+    other one was given. ``respondent``: role of the person that answers the questionnaires. ``furniture``: their own
+    seat and bed, if measured. ``preferences``: for the robot, ``None`` if no condition uses them;
+    ``preferences_words``: the same as text.
     """
 
     participant: str
@@ -269,7 +269,7 @@ def _short(store: Store) -> Iterator[str]:
 
 
 def _due(store: Store) -> Iterator[str]:
-    """Yields a sentence for each kind of data whose retention period has ended."""
+    """Yields a sentence for each kind of data after the end of its retention period."""
     return (f"Retention: {words}." for words in describe_due_deletions(store, today()))
 
 

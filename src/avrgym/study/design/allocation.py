@@ -1,4 +1,4 @@
-"""Allocate participants to orders (counterbalancing), and plan their trials."""
+"""Allocate participants to trial orders (counterbalancing), and plan their trials."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ class PlannedTrial:
 
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
-    """Returns the order of trials in each cell of the design."""
+    """Returns all balanced trial orders of the design. A cell is the index of an order in this tuple."""
     return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
@@ -37,22 +37,21 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
 def least_filled_cell(
     order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
 ) -> int:
-    """Returns the cell for the next participant: the least filled cell at the participant's site.
+    """Returns the cell for the next participant: the cell with the fewest participants at their site.
 
     Args:
-        order: all cells; among equally filled cells, the first in this order is returned.
+        order: all cells; among equal cells, the first in this order is returned.
         cells_at_site: the cells of participants at the same site.
-        cells_elsewhere: the cells of participants at other sites; compared if several cells are least filled at
-            this site.
+        cells_elsewhere: the cells of participants at other sites; compared if several cells are equal at this site.
     """
     here, others = Counter(cells_at_site), Counter(cells_elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
-    """Returns the order in which a site fills the cells of the design.
+    """Returns all cells of the design in the order in which a site fills them.
 
-    The order differs between sites, because sites with few participants should fill different cells.
+    The order differs between sites: small sites then fill different cells.
     """
     cells = len(cell_orders(design))
     if site is None:
@@ -83,8 +82,7 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """Returns the participant's practice robot for each task of the design; ``participant`` is a number from 1.
 
     Robots are random and balanced. With R robots, each group of R successive participants practises a task with R
-    different robots. For each participant, the numbers of practice trials per robot differ by at
-    most one.
+    different robots. For each participant, the numbers of practice trials per robot differ by at most one.
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)

@@ -18,7 +18,10 @@ NOT_COMPARED = (*SITE_FIELDS, "reporting")
 """Design fields that are not compared: fields that may differ between sites, and fields for publications."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Texts by language, group and key: translations of ``sentences``, and modified texts of ``session`` and ``page``."""
+"""Texts for participants by language, group and key.
+
+Groups: translations of ``sentences``, and modified texts of ``session`` and ``page``.
+"""
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
@@ -28,7 +31,7 @@ def design_to_dict(design: Design) -> dict[str, Any]:
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
-    """Returns the design from a dictionary. Unknown fields, from other versions of AVR Gym, are ignored."""
+    """Returns the design from a dictionary. Fields that this version of AVR Gym does not know are ignored."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
@@ -85,7 +88,7 @@ def _name(table: dict[str, Any], key: str, name: str) -> None:
 
 
 def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Stop rules by item. If an item has several rules, the later keys contain a number."""
+    """Returns the stop rules by item. If an item has several rules, the later keys contain a number."""
     named: dict[str, Any] = {}
     for rule in rules:
         earlier = sum(key.partition(" ")[0] == rule["item"] for key in named)
@@ -102,7 +105,7 @@ MISSING = object()
 
 
 def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """Yields each difference between two values: its place, and both values; a missing value is ``MISSING``."""
+    """Yields each difference between two values: its key path, and both values; a missing value is ``MISSING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
             yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
@@ -114,7 +117,7 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
 
 
 def key_path_text(place: Place) -> str:
-    """Returns the place as text, such as ``items 1.text``; array elements are counted from 1."""
+    """Returns a key path as text, such as ``items 1.text``; array elements are numbered from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 

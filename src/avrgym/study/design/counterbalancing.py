@@ -15,14 +15,14 @@ from avrgym.array_types import IntArray
 
 @dataclass(frozen=True)
 class Block:
-    """A task of a participant, and the task's conditions in order. Tasks and conditions are indices from 0."""
+    """One task of a participant, with its conditions in order. ``task`` and ``conditions`` are indices from 0."""
 
     task: int
     conditions: tuple[int, ...]
 
 
 CANDIDATE_COUNT = 200
-"""Number of random arrangements that are compared. The one with the most different rows within cells is used."""
+"""Number of random arrangements that are compared. The arrangement with most different rows within cells is used."""
 
 Order = tuple[Block, ...]
 """The blocks of one participant in order."""
@@ -38,7 +38,7 @@ def williams_square(size: int) -> IntArray:
 
 
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
-    """Returns one order of blocks for each cell of the design.
+    """Returns the balanced orders of blocks. A cell of the design is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
     same way, over the blocks of each task and over the blocks at each place.
@@ -69,7 +69,7 @@ def _variety(row_of: IntArray) -> int:
 
 
 def _spread(task_of: IntArray, rows: int) -> IntArray:
-    """For each block, the row index (cells, places) in the Williams square of conditions, which has ``rows`` rows.
+    """Returns, for each block, a row index (cells, places) in the Williams square of conditions with ``rows`` rows.
 
     ``task_of`` (cells, places): the task of each block; each task must be equally often at each place.
     Each row is equally often at each place and for each task. Proof: tasks and places are the two sides of a regular

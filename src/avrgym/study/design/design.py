@@ -104,17 +104,18 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the first is
     the language of the design. ``trial_steps``: control steps of a trial. ``practice_policy``: empty if there are no
     practice trials.
-    ``goals``: instructions to participants by task; default: the sentence of the task. ``furniture``: the real seat and
-    bed.
+    ``goals``: instructions to participants by task; default: the task's own instruction. ``furniture``: the real seat
+    and bed.
     ``max_held_share``: a trial is excluded from the analysis if the share of time with tracking loss is larger.
     ``force_guard``: the arms' contact forces and approach speed are limited; default: off.
     ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
     ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
     ``streams``: data streams to and from other devices. ``sessions``: breaks and limits of sessions.
-    ``headset_check``: sessions of people begin with such a check.
+    ``headset_check``: sessions of people begin with a check of the headset.
     ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
     ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
-    ``conditions``: a name in ``policies`` may be a condition of this table: a policy with commands of the participant.
+    ``conditions``: conditions by name; ``policies`` may contain these names. A condition is a policy with commands of
+    the participant.
     ``settings``: settings of all environments; a condition may have others. ``allow_other_settings``: also use
     policies trained with others.
     """
@@ -159,7 +160,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return tuple(product(self.robots, self.policies))
 
     def policy_of(self, name: str) -> str:
-        """Returns the policy of a condition; for another name, the name itself."""
+        """Returns the policy of the condition ``name``. If ``name`` is a policy, returns ``name``."""
         return self.conditions[name].policy if name in self.conditions else name
 
     def settings_of(self, name: str) -> Settings:
@@ -187,7 +188,9 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """Returns the items at a moment, in their order. ``seed``: the trial's seed, for random orders."""
+        """Returns the items that are asked at the moment ``when``, in order. ``seed``: the trial's seed, for random
+        orders.
+        """
         return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
@@ -217,7 +220,7 @@ def default_text() -> str:
 
 
 def read_design(path: Path) -> Design:
-    """Read a design from a file.
+    """Returns the design in a file.
 
     Raises:
         DesignError: if the file is invalid.
@@ -227,7 +230,7 @@ def read_design(path: Path) -> Design:
 
 
 def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Design:
-    """Parse a design in TOML; ``file_name``: the file's name for error messages.
+    """Returns the design in a TOML text; ``file_name``: the file's name in error messages.
 
     ``folder``: the study's folder, which contains translations and texts of validated questionnaires.
 
@@ -290,7 +293,7 @@ def _check_settings(environment: str, design: Design) -> None:
         drawn = [each for each in PERSON_SETTINGS if each in settings.changed]
         if drawn:
             raise ValidationError(
-                (*place, drawn[0]), "participants have their own bodies; allowed: no such setting"
+                (*place, drawn[0]), "participants have their own bodies; remove this setting of the body"
             )
         try:
             task_and_scene(environment, settings)

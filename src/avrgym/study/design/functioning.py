@@ -46,7 +46,7 @@ DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 
 def sentences() -> Iterator[str]:
-    """Yields all sentences that participants read."""
+    """Yields all sentences about functioning that participants read, before translation."""
     yield from QUESTIONS.values()
     yield from LEVELS.values()
     yield from DEVICES.values()

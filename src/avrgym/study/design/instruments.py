@@ -1,4 +1,4 @@
-"""Validated questionnaires in a design: ``use`` names a questionnaire; its items are added to the design.
+"""Validated questionnaires in a design: ``use`` is the name of a questionnaire; its items are added to the design.
 
 If the licence of a text does not allow distribution, the text is read from ``instruments/NAME.toml`` in the study's
 folder. This file has a line for each item: ``ID = "text"``, or with end labels
@@ -34,7 +34,7 @@ class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def add_instrument_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Add the items of validated questionnaires to a design's values.
+    """Returns a design's values with the items of validated questionnaires.
 
     Args:
         values: the values of the TOML file, before validation.
@@ -68,7 +68,8 @@ def check_instrument_weights(place: Place, questionnaire: Questionnaire) -> None
     if instrument is None or instrument.weighting is None:
         weighted = ", ".join(name for name, each in INSTRUMENTS.items() if each.weighting is not None)
         raise ValidationError(
-            (*place, "weights"), f"this questionnaire has no weights; allowed: weights with use of {weighted}"
+            (*place, "weights"),
+            f"this questionnaire cannot have weights; allowed: questionnaires with use = {weighted}",
         )
     try:
         check_weights(instrument.weighting, questionnaire.weights)
@@ -77,7 +78,7 @@ def check_instrument_weights(place: Place, questionnaire: Questionnaire) -> None
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
-    """Returns the items of a validated questionnaire; if texts are missing, they are read from the study's folder."""
+    """Returns the items of a validated questionnaire. Missing texts are read from the study's folder."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
     points = instrument.response.points

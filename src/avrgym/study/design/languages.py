@@ -87,8 +87,9 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
 
 
 def text_files(design: Design, folder: Path) -> list[str]:
-    """Returns the existing files of translations and questionnaire texts of the design, relative to the study's
-    folder.
+    """Returns the existing text files of the design: translations and questionnaire texts.
+
+    Paths are relative to the study's folder.
     """
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
     names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]

@@ -16,7 +16,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 class ValidationError(Exception):
-    """An invalid value. ``place``: the keys and indices that lead to the value."""
+    """An invalid value. ``place``: its key path (keys and indices)."""
 
     def __init__(self, place: Place, message: str) -> None:
         super().__init__(message)
@@ -32,7 +32,7 @@ def check_known(place: Place, name: str, allowed: Iterable[str]) -> None:
 def check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
     """Raise ``ValidationError`` if the value is not in ``allowed``."""
     if value not in allowed:
-        raise ValidationError(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
+        raise ValidationError(place, f"unknown value {value!r}; allowed: {', '.join(allowed)}")
 
 
 def check_unique(place: Place, names: tuple[str, ...]) -> None:
@@ -88,7 +88,7 @@ def parse_toml(
     check: Callable[[Kind], None],
     complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda values: values,
 ) -> Kind:
-    """Parse and validate a TOML text.
+    """Parse and validate a TOML text. Returns the struct with its values.
 
     Args:
         text: the contents of the file.
@@ -119,8 +119,9 @@ def parse_toml(
 
 
 def _with_keys(values: Any, place: Place) -> Place:
-    """Returns the path with the keys of mappings, which msgspec leaves out: each is the first one that has the next
-    key.
+    """Returns the key path with the keys of mappings, because msgspec omits them.
+
+    If several mappings match, the first mapping that contains the next key is used.
     """
     found: list[str | int] = []
     for key in place:

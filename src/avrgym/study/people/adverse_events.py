@@ -48,7 +48,11 @@ _CLOCKS_DIFFER = timedelta(minutes=5)
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A report of an adverse event. ``began_at``: ISO 8601 with UTC offset. ``trial``: position of the trial."""
+    """A report of an adverse event.
+
+    ``began_at``: start of the event, ISO 8601 with UTC offset. ``trial``: position of the trial in which it began.
+    ``action``: the action that was taken.
+    """
 
     began_at: str
     description: str
@@ -68,7 +72,7 @@ class AdverseEventHistory:
 
     @property
     def number(self) -> int:
-        """Number of the adverse event in commands: the id of its first report."""
+        """Number of the adverse event on the command line: the id of its first report."""
         return self.reports[0].id
 
     @property
@@ -90,13 +94,13 @@ class SafetyEvent:
 def record_adverse_event(
     store: Store, pseudonym: str, report: Report, *, follows: int | None = None, recorded_by: str = ""
 ) -> int:
-    """Store a report of an adverse event, and return the report's id.
+    """Store a report of an adverse event. Returns the report's id.
 
     Args:
         store: the study.
         pseudonym: the participant.
         report: the report.
-        follows: number of the adverse event of this follow-up; ``None`` for a new event.
+        follows: for a follow-up, the number of its adverse event; ``None`` for a new event.
         recorded_by: name of the experimenter.
 
     Raises:
@@ -108,7 +112,7 @@ def record_adverse_event(
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; allowed: people")
+            raise StudyError(f"{pseudonym} is simulated; allowed: a person")
         own = {"participant": participant.number}
         trial = None
         if report.trial is not None:
@@ -134,7 +138,7 @@ def record_adverse_event(
 
 
 def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]:
-    """Group reports by adverse event, in the order of the first reports."""
+    """Returns the adverse events with their reports, in the order of their first reports."""
     events: dict[int, list[AdverseEvent]] = {}
     for report in reports:
         events.setdefault(report.follows or report.id, []).append(report)
@@ -142,7 +146,7 @@ def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
-    """Yields safety events in a participant's sessions, for review by the person who records adverse events."""
+    """Yields the safety events of a participant's sessions. The experimenter decides which are adverse events."""
     number = store.participant(pseudonym).number
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
@@ -168,6 +172,6 @@ def _utc(at: str) -> str:
         moment = None
     if moment is None or moment.tzinfo is None:
         raise StudyError(
-            f"{at!r} is not a time; allowed: ISO 8601 with an offset, such as 2026-11-27T14:30+01:00"
+            f"{at!r} is not a time; allowed: ISO 8601 with a UTC offset, such as 2026-11-27T14:30+01:00"
         )
     return moment.astimezone(UTC).isoformat(timespec="seconds")

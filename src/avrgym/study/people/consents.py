@@ -1,4 +1,4 @@
-"""Decisions about consent texts. A decision contains the checksum of the text, and the archive contains the text."""
+"""Consent decisions. A decision stores the checksum of the consent text, and an archive stores the text itself."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -37,8 +37,7 @@ def consents_to_other_texts(
     archive: Iterable[ConsentText],
     first_language: str,
 ) -> list[Consent]:
-    """Returns the consents to another text than ``shown``, with the same version and language. White space is not
-    compared.
+    """Returns the consents that have the version and language of ``shown``, but another text. White space is ignored.
 
     ``first_language``: the language of consents without a stored language.
     """
@@ -62,7 +61,9 @@ def store_consent(
     *,
     agreed: bool,
 ) -> Consent:
-    """Store a decision about a consent text, and archive a new text. ``role``: one of ``CONSENT_ROLES``.
+    """Store a consent decision, and add a new text to the archive. Returns the stored decision.
+
+    ``role``: one of ``CONSENT_ROLES``.
 
     Raises:
         StudyError: if a participant read another text with the same version and language.
@@ -84,8 +85,9 @@ def store_consent(
 
 
 def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
-    """Returns whether a consent suffices with the ``others`` of the participant. Proxy consent and assent need each
-    other.
+    """Returns whether a decision, together with the participant's ``others``, permits participation.
+
+    The consent of a proxy needs the participant's assent, and the assent needs the consent of a proxy.
     """
     missing = {"proxy": "assent", "assent": "proxy"}.get(decision.consent_role)
     latest = [each for each in others if each.role == missing and each.version == decision.version]
@@ -93,14 +95,17 @@ def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
 
 
 def missing_role(consents: Sequence[Consent], version: str) -> str:
-    """Returns ``proxy`` or ``assent`` if only the other one agreed to a version; otherwise empty."""
+    """Returns the role that is missing (``proxy`` or ``assent``) if only the other role agreed to a version.
+
+    Returns an empty text in all other cases.
+    """
     latest = {each.role: each.agreed for each in consents if each.version == version and each.role}
     given = [role for role, agreed in latest.items() if agreed]
     return {"proxy": "assent", "assent": "proxy"}[given[0]] if len(given) == 1 else ""
 
 
 def describe(consent: Consent) -> str:
-    """Returns a decision in words, without its time."""
+    """Returns a decision as text, without its time."""
     who = {"proxy": "consent of a representative", "assent": "assent of the participant"}
     named = who.get(consent.consent_role, "consent of the participant")
     return f"{named}, version {consent.version}: {'yes' if consent.agreed else 'no'}"
@@ -109,7 +114,7 @@ def describe(consent: Consent) -> str:
 def latest_consent(consents: Iterable[Consent], *, of_proxy: bool = False) -> RecordedConsent | None:
     """Returns the latest consent in the format of recordings; ``None`` without consent.
 
-    ``of_proxy``: that of a representative; otherwise the participant's own consent or assent.
+    ``of_proxy``: return the consent of a representative; otherwise the participant's own consent or assent.
     """
     agreed = [each for each in consents if each.agreed and (each.role == "proxy") is of_proxy]
     if not agreed:
@@ -121,7 +126,7 @@ def latest_consent(consents: Iterable[Consent], *, of_proxy: bool = False) -> Re
 def restore_consents(
     store: Store, connection: sa.Connection, participant_number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
-    """Insert a participant's recorded consents in order, and store the latest one in the participant's row.
+    """Insert a participant's recorded consents in order of time, and store the latest one in the participant's row.
 
     The design's text is archived if the participant agreed to it.
     """

@@ -20,10 +20,10 @@ REFRESH_S = 1.0
 
 
 def add_experimenter(store: Store, name: str) -> str:
-    """Create a personal token for an experimenter and return it. The study stores only its checksum.
+    """Create a personal token for an experimenter. Returns the token; the study stores only its checksum.
 
     Raises:
-        StudyError: for an invalid name, or if the experimenter has a token.
+        StudyError: for an invalid name, or if the experimenter already has a token.
     """
     if not NAME.fullmatch(name) or name == SHARED_TOKEN_NAME:
         raise StudyError(
@@ -58,7 +58,7 @@ def list_experimenters(store: Store) -> list[Experimenter]:
 
 
 class Experimenters:
-    """Context manager: the experimenters with a valid token. A thread reads the tokens every second."""
+    """Context manager that finds the experimenter of a valid token. A thread reads all valid tokens every second."""
 
     def __init__(self, store: Store) -> None:
         self._store = store

@@ -1,4 +1,4 @@
-"""Store a participant's answers about disability, diagnosis and assistive devices."""
+"""Store a participant's answers about functioning (disability), diagnosis and assistive devices."""
 
 import msgspec
 
@@ -21,8 +21,8 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
     """Store a participant's answers, which replace earlier answers.
 
     Raises:
-        StudyError: if the design has no such questions, before consent, for a simulated participant, or for an invalid
-            answer.
+        StudyError: if the design has no questions about functioning, before consent, for a simulated participant, or
+            for an invalid answer.
     """
     if not store.design.ask_functioning:
         raise StudyError(
@@ -32,7 +32,7 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; allowed: people")
+            raise StudyError(f"{pseudonym} is simulated; allowed: a person")
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; record the consent first")
         given = msgspec.to_builtins(answers)

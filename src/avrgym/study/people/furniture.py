@@ -8,7 +8,7 @@ FURNITURE_MEASURED = "own furniture measured"
 
 
 def record_furniture(store: Store, pseudonym: str, furniture: RealFurniture) -> None:
-    """Store the measures of a participant's own seat and bed. They apply from the next session on.
+    """Store the dimensions of a participant's own seat and bed. They apply from the next session on.
 
     Raises:
         StudyError: for an unknown participant.
@@ -21,6 +21,6 @@ def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
     """Returns the participant's own seat and bed; ``None`` if they were not measured.
 
     Raises:
-        StudyError: if the stored measures are damaged.
+        StudyError: if the stored dimensions are damaged.
     """
     return latest_value(store, pseudonym, FURNITURE_MEASURED, RealFurniture)

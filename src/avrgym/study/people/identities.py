@@ -12,20 +12,20 @@ from avrgym.study.storage.store import Store
 
 
 class PossibleDuplicate(StudyError):
-    """The person may be enrolled already. The message contains pseudonyms and no names."""
+    """Error: the person may already be enrolled. The message contains pseudonyms and no names."""
 
 
 def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
-    """Check whether an identity belongs to another participant.
+    """Check that no other participant has the same name or contact.
 
     Args:
         folder: the study's folder.
-        identity: the name and contact that are to be stored.
+        identity: the new name and contact.
         confirmed: the experimenter confirms that this is another person.
         pseudonym: the participant's pseudonym, if enrolled; their own entry is not compared.
 
     Returns:
-        Detail of the event about a confirmed duplicate; empty without duplicates.
+        The text for the event about a confirmed duplicate; empty without duplicates.
 
     Raises:
         PossibleDuplicate: if another participant has the same name or contact, unless ``confirmed``.
@@ -47,14 +47,17 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
 
 
 def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yields pairs of participants that may be the same person."""
+    """Yields the pairs of pseudonyms that may belong to the same person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
             yield first, second
 
 
 def may_be_same_person(first: Identity, second: Identity) -> bool:
-    """Returns whether two identities have an equal name or contact, and no different one. Empty values are ignored."""
+    """Returns whether names and contacts of two identities are equal. Empty values are ignored.
+
+    Returns false if no value is comparable.
+    """
     pairs = (
         (_plain_name(first.name), _plain_name(second.name)),
         (_plain_contact(first.contact), _plain_contact(second.contact)),

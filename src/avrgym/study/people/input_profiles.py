@@ -1,4 +1,4 @@
-"""Store how a participant selects and stops the robot."""
+"""Store input profiles: how a participant selects items and stops the robot."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 
 
 def parse_profile(values: Mapping[str, Any]) -> InputProfile:
-    """Returns the input profile of a table of values. Raises ``StudyError`` if it is impossible."""
+    """Returns the input profile with these values. Raises ``StudyError`` for invalid values or combinations."""
     try:
         return read_profile(values)
     except InputProfileError as error:

@@ -52,11 +52,12 @@ def enrol(
     confirm_duplicate: bool = False,
     input_profile: InputProfile | None = None,
 ) -> str:
-    """Enrol a person and return their pseudonym. Only the identity file contains name and contact.
+    """Enrol a participant. Returns the new pseudonym. Only the identity file contains name and contact.
 
-    Orders are balanced within each ``site``; default: the design's site. ``language``: language of the texts, one of
-    the design's languages; default: the first. ``confirm_duplicate``: enrol the person although another participant has
-    the same name or contact. ``input_profile``: how the person selects and stops; default: two controllers.
+    Trial orders are balanced within each ``site``; default: the design's site. ``language``: language of the texts, one
+    of the design's languages; default: the first. ``confirm_duplicate``: enrol the person although another participant
+    has the same name or contact. ``input_profile``: how the person selects items and stops the robot; default: two
+    controllers.
 
     Raises:
         PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
@@ -70,7 +71,7 @@ def enrol(
         raise StudyError(f"age is {age_years} years; allowed: 0 to 130")
     languages = store.design.languages
     if language and language not in languages:
-        raise StudyError(f"the study is not in {language!r}; allowed: {', '.join(languages)}")
+        raise StudyError(f"unknown language {language!r}; allowed in this study: {', '.join(languages)}")
     if simulated and (name or contact):
         raise StudyError("a simulated participant cannot have a name or contact")
     _check_identity(name, contact)
@@ -109,7 +110,7 @@ def set_identity(
     """Store name and contact of a participant in the identity file.
 
     Raises:
-        PossibleDuplicate: if another participant may be the same person, unless ``confirm_duplicate``.
+        PossibleDuplicate: if another participant has the same name or contact, unless ``confirm_duplicate``.
         StudyError: for an invalid name or contact.
         KeyUnavailable: if the key of the identity file is missing.
     """
@@ -183,7 +184,7 @@ def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> No
     ``role``: one of ``CONSENT_ROLES``.
 
     Raises:
-        StudyError: if no re-consent is necessary, except for a new participant who declines to assent.
+        StudyError: if no re-consent is necessary. A new participant can decline to assent without an error.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
@@ -204,10 +205,10 @@ def _store_consent(
 
 
 def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
-    """Store the answers to the inclusion questions; then allocate or exclude the participant.
+    """Store the answers to the inclusion questions. Then allocate the participant to a trial order, or exclude them.
 
     Returns:
-        Whether the participant can take part.
+        Whether the participant meets the inclusion criteria.
 
     Raises:
         StudyError: for missing or unknown answers, or without consent.
@@ -251,7 +252,7 @@ def _withdraw(store: Store, connection: sa.Connection, participant: Participant,
 def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
     """Store that a participant with unknown state consented and did not withdraw. Returns the new state.
 
-    ``evidence``: for example, a signed form and its place.
+    ``evidence``: text about the evidence, for example a signed form and its place.
 
     Raises:
         StudyError: for empty or too long evidence, or for a participant with a known state.
@@ -264,8 +265,8 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
         if participant.state != UNKNOWN or participant.cell is None:
             order = "" if participant.cell is not None else " and has no order of trials"
             raise StudyError(
-                f"{participant} is {participant.state}{order}; allowed: participants with an order and unknown state "
-                "after a rebuild of the database"
+                f"{participant} is {participant.state}{order}; allowed: a participant in the state unknown with an order "
+                "of trials, after a rebuild of the database"
             )
         after = "completed" if has_finished(store, connection, participant) else "allocated"
         about = {"participant": participant.number}
@@ -279,7 +280,7 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
-    """Store a note about a participant, or about one of their sessions (by its id).
+    """Store a note about a participant, or about one of their sessions. ``session``: the id of the session.
 
     Raises:
         StudyError: for an empty or too long note, or for a session of another participant.
@@ -315,9 +316,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """Returns the next participant number. Numbers in identity file, participation list and recordings are not used
-    again.
-    """
+    """Returns the next participant number, which no identity file, participation list or recording contains."""
     taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
@@ -325,7 +324,10 @@ def _next_number(store: Store, connection: sa.Connection) -> int:
 
 
 def _free_cell(connection: sa.Connection, design: Design, participant: Participant) -> int:
-    """Returns the cell for a participant. People and simulated participants are balanced separately."""
+    """Returns the cell (index of a trial order) for a participant.
+
+    People and simulated participants are balanced separately.
+    """
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_all(connection, Participant, simulated=participant.simulated):
         if other.state in PARTICIPATING and other.cell is not None:

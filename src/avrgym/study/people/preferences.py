@@ -34,7 +34,9 @@ def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
 
 
 def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRules | None:
-    """Returns the rules of a trial with the condition or policy ``name``; ``None`` if nothing paces the robot.
+    """Returns the rules of a trial with the condition or policy ``name``; ``None`` without a pacing layer.
+
+    ``own``: the participant's preferences; ``None`` without any.
 
     Raises:
         StudyError: if the participant's preferences contradict the condition.

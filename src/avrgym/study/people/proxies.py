@@ -1,4 +1,4 @@
-"""Proxies who answer questionnaires for a participant. Their answers are marked in all tables and figures."""
+"""The respondent of a participant's questionnaires. Answers of a proxy are marked in all tables and figures."""
 
 from avrgym.commands.respondents import ANSWERING, PARTICIPANT
 from avrgym.study.storage import hash_chain, schema
@@ -7,10 +7,10 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 
 
 def set_respondent(store: Store, pseudonym: str, respondent: str, session: int | None = None) -> None:
-    """Store who answers the questions to a participant from now on. ``session``: the id of the running session.
+    """Store the respondent of all later questions to a participant. ``session``: the id of the running session.
 
     Raises:
-        StudyError: for another respondent than ``ANSWERING``, or an unknown participant.
+        StudyError: for a respondent that is not in ``ANSWERING``, or an unknown participant.
     """
     if respondent not in ANSWERING:
         raise StudyError(f"unknown respondent {respondent!r}; allowed: {', '.join(ANSWERING)}")

@@ -1,4 +1,4 @@
-"""Scheduled deletion of people's data whose retention period has ended."""
+"""Scheduled deletion of data of people after the end of the retention period."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,10 @@ DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: 
 
 @dataclass(frozen=True)
 class ScheduledDeletion:
-    """A kind of data, the first day after its retention period, and the participants with such data."""
+    """The deletion of one kind of data.
+
+    ``due_on``: first day after the retention period. ``participants``: pseudonyms of participants with such data.
+    """
 
     kind: str
     due_on: date
@@ -57,26 +60,26 @@ def due(store: Store, day: date) -> list[ScheduledDeletion]:
 
 
 def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
-    """Yields the texts about data whose deletion is due, and about a missing end date of the study."""
+    """Yields a message for each kind of data with a due deletion, and one if the end date of the study is missing."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
         yield (
-            f"{DATA_NAMES[each.kind]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
-            f"`avrgym study retention {store.folder}` lists them, with --delete it deletes them"
+            f"{DATA_NAMES[each.kind]} of {number} participant{'' if number == 1 else 's'} must be deleted since "
+            f"{each.due_on}: `avrgym study retention {store.folder} --delete` deletes them"
         )
     if retention.months and retention.end is None and _is_complete(store):
-        yield "all planned participants have completed: set ended_on in [retention] of study.toml"
+        yield "all planned participants have completed the study: set ended_on in [retention] of study.toml"
 
 
 def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
-    """Delete all data whose deletion is due on ``day``. Yields kind of data and participant after each deletion.
+    """Delete all data whose deletion is due on ``day``. Yields kind of data and pseudonym after each deletion.
 
-    ``DATA`` is deleted by ``delete_participant``. After a crash, a second call completes the deletions.
+    ``delete_participant`` deletes data of the kind ``DATA``. After a crash, a second call completes the deletions.
 
     Raises:
-        StudyError: if a session took place after the study's end (nothing is deleted then); or, after all other
-            deletions, if participants could not be deleted.
+        StudyError: if a session took place after the study's end; nothing is deleted then. Also if participants could
+            not be deleted; this is raised after all other deletions.
     """
     _check_ended(store)
     errors: list[str] = []

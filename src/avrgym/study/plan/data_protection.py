@@ -32,7 +32,7 @@ MEASURES = (
 
 
 def write_data_protection(store: Store) -> list[Path]:
-    """Write both drafts into the study's folder, and return their paths. Edited drafts are never overwritten.
+    """Write both drafts into the study's folder. Returns their paths. Edited drafts are never overwritten.
 
     Raises:
         StudyError: if a draft exists with another text.
@@ -53,7 +53,7 @@ def write_data_protection(store: Store) -> list[Path]:
 
 
 def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """Returns the texts of the impact assessment, by section and heading. Most are required by Article 35(7)."""
+    """Returns the texts of the impact assessment, by section and heading. Article 35(7) requires most of them."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
             "Why": "Movements of head and hands may identify a person even without a name. "
@@ -132,7 +132,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _data(design: Design) -> Iterable[str]:
-    """Returns the kinds of data that this study collects."""
+    """Yields a sentence for each kind of data that this study collects."""
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)

@@ -44,7 +44,7 @@ from avrgym.system.used_plugins import differences as plugin_differences
 from avrgym.texts.interface_texts import TextsError
 
 Change = tuple[Place, Any, Any]
-"""Place of a value, its frozen value and its current value; a missing value is ``MISSING``."""
+"""Key path of a value, its frozen value and its current value; a missing value is ``MISSING``."""
 
 
 def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
@@ -73,9 +73,9 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _session_values(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """Returns the differences of sessions and admissions from the frozen design: frozen value and participants of each.
+    """Returns the values of sessions and admissions that differ from the frozen design.
 
-    The key is the file, the place and the different value.
+    Key: file, key path and different value. Value: frozen value, and the participants with the different value.
     """
     sessions = session_designs(store)
     found = {
@@ -119,7 +119,7 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
 def _compare(
     store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
-    """Compare a file with its frozen text. Returns a message about the file (or ""), and all changed values."""
+    """Returns the differences between a file and its frozen text: a message about the file (or ""), and all changes."""
     path = store.folder / name
     if not path.is_file():
         return "is missing", []
@@ -144,7 +144,7 @@ def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def changed(place: Place, before: Any, after: Any) -> str:
-    """Returns the description of a difference; a missing value is ``MISSING``."""
+    """Returns a difference as text; a missing value is ``MISSING``."""
     if before is MISSING:
         return f"{key_path_text(place)} was added: {value_text(after)}"
     if after is MISSING:
@@ -170,8 +170,8 @@ def deviations(
         store: the study.
         frozen: the frozen plan.
         available_tests: the tests of the current analysis.
-        left_out: findings about trials that are excluded from the analysis.
-        optional_tests: optional tests; they are exploratory if the plan does not name them.
+        left_out: findings about trials that the analysis excludes.
+        optional_tests: tests that the plan may contain. They are exploratory if it does not.
     """
     found = [Finding(FROZEN_PLAN_FILE, fault) for fault in frozen.faults]
     if frozen.record is None:
@@ -262,7 +262,7 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _tests(
     record: PlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
 ) -> Iterator[Finding]:
-    """Yields findings about tests of the report that are not in the plan, and about planned tests without a result."""
+    """Yields findings about tests in the report without a plan, and about planned tests without a result."""
     plan = record.parsed()
     for test, measures in available_tests.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]

@@ -61,12 +61,12 @@ class PlanRecord(msgspec.Struct, frozen=True):
     plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed(self) -> Plan:
-        """Parse the frozen plan."""
+        """Returns the frozen plan as a ``Plan``."""
         return parse_frozen_plan(self.plan, FROZEN_PLAN_FILE)
 
 
 def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
-    """Freeze the plan in a study's folder.
+    """Freeze the plan in a study's folder. Returns the record of the frozen plan.
 
     Args:
         store: the study.
@@ -96,7 +96,7 @@ def may_adopt(store: Store) -> bool:
 
 
 def adopt_plan(store: Store) -> PlanRecord:
-    """Adopt a frozen plan that was copied from another station: store its checksum.
+    """Adopt a frozen plan that was copied from another station: store its checksum. Returns the plan's record.
 
     Raises:
         StudyError: if the file is not a frozen plan, after the first participant, or after a rebuild of the database.
@@ -173,18 +173,19 @@ def software_versions() -> dict[str, str]:
 
 UNKNOWN_TIME = "an unknown time"
 UNKNOWN_ORIGIN = (
-    "is of unknown date and not confirmatory: its checksum is not in the database; restore a backup of the database, "
-    "or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
+    "is of unknown date and not confirmatory: its checksum is not in the database. Restore a backup of the database. "
+    "Or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
 )
 
 
 @dataclass(frozen=True)
 class FrozenPlan:
-    """A frozen plan; ``record`` is ``None`` if its contents cannot be read or were modified.
+    """A frozen plan, and the evidence for its date.
 
+    ``record``: ``None`` if the file cannot be read or was modified. ``faults``: error messages about the plan.
     ``known_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
     unknown. ``is_adopted``: the plan was frozen at another station. ``rebuilt_at``: time of the database's rebuild, if
-    any. ``is_proven``: a trusted time stamp is older than all recordings.
+    any. ``stamp``: the plan's time stamp. ``is_proven``: a trusted time stamp is older than all recordings.
     """
 
     record: PlanRecord | None
@@ -199,12 +200,12 @@ class FrozenPlan:
 
     @property
     def is_confirmatory(self) -> bool:
-        """Whether the plan is certainly older than the first participant."""
+        """Whether it is certain that the plan existed before the first participant."""
         return self.record is not None and (self.known_since is not None or self.is_proven)
 
     @property
     def at(self) -> str:
-        """The time since which the plan is known to exist, as text; ``UNKNOWN_TIME`` if there is none."""
+        """The earliest time at which the plan certainly existed, as text; ``UNKNOWN_TIME`` if it is unknown."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
         if self.stamp is not None and self.is_proven:

@@ -1,4 +1,4 @@
-"""The analysis plan of a study: the contents of ``plan.toml``, validated against the design and the available tests."""
+"""The analysis plan of a study: the contents of ``plan.toml``. It must match the design and the available tests."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -30,9 +30,9 @@ class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Exclusion rules. ``max_held_share``: maximum share of time with tracking loss.
+    """Rules for the exclusion of trials and participants.
 
-    ``further``: further rules as text.
+    ``max_held_share``: maximum share of time with tracking loss. ``further``: further rules as text.
     """
 
     max_held_share: float
@@ -59,7 +59,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
     def label(self, test: str, measure: str) -> str:
-        """Plan status of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
+        """Returns the plan status of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
         if self.hypotheses_of(test, measure):
             return CONFIRMATORY
         return EXPLORATORY if test in self.exploratory else NOT_PLANNED
@@ -83,12 +83,15 @@ def read_plan(folder: Path, design: Design, available_tests: AvailableTests) -> 
 
 
 def parse_plan(text: str, file_name: str, design: Design, available_tests: AvailableTests) -> Plan:
-    """Parse a plan; ``file_name``: the file's name in error messages. Raises ``DesignError`` as ``read_plan`` does."""
+    """Returns the plan in a TOML text. Raises ``DesignError`` if the plan is invalid.
+
+    ``file_name``: the file's name in error messages.
+    """
     return parse_toml(text, file_name, Plan, _TABLES, lambda plan: _check(plan, design, available_tests))
 
 
 def parse_frozen_plan(text: str, file_name: str) -> Plan:
-    """Parse a frozen plan, without validation against the current design and tests."""
+    """Returns a frozen plan. It is not compared with the current design and tests."""
     return parse_toml(text, file_name, Plan, _TABLES, lambda plan: None)
 
 

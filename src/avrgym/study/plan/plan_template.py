@@ -59,7 +59,7 @@ tests = {tests}
 def write_template(
     folder: Path, design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]
 ) -> Path:
-    """Write ``plan.toml`` with suggested hypotheses into a study's folder.
+    """Write ``plan.toml`` with suggested hypotheses into a study's folder. Returns the file's path.
 
     Raises:
         StudyError: if the file exists; it is not changed.

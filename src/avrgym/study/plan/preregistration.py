@@ -31,8 +31,8 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
 
     Raises:
         DesignError: if the plan is invalid.
-        StudyError: for an unknown form, after the first participant without a plan, if the file exists with another
-            text, or if the frozen plan is damaged or its date unknown.
+        StudyError: for an unknown form, or if the file exists with another text. Also for a damaged frozen plan, a
+            frozen plan of unknown date, or no frozen plan after the first participant.
         OSError: if a file cannot be read or written.
     """
     if form not in FORMS:
@@ -53,7 +53,7 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
 
 
 def write_draft(path: Path, text: str) -> Path:
-    """Write a new file, and return its path. Raises ``StudyError`` if the file exists with another text."""
+    """Write a new file. Returns its path. Raises ``StudyError`` if the file exists with another text."""
     try:
         write_new(path, text)
     except FileExistsError:
@@ -63,7 +63,7 @@ def write_draft(path: Path, text: str) -> Path:
 
 
 def format_markdown(title: str, state: str, fields: Fields) -> str:
-    """Format fields as Markdown. ``state``: the paragraph after the title."""
+    """Returns fields as a Markdown text. ``state``: the paragraph after the title."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []
@@ -202,7 +202,7 @@ def _exclusion(design: Design, plan: Plan) -> str:
 
 
 def bullet_list(items: Iterable[str]) -> str:
-    """Format items as a Markdown list."""
+    """Returns items as a Markdown list."""
     return "\n".join(f"- {item}" for item in items)
 
 

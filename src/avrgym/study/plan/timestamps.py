@@ -78,7 +78,7 @@ class TimeStamp:
 
 
 def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
-    """Verify the time stamp of a frozen plan, and store it next to the plan.
+    """Verify the time stamp of a frozen plan, and store it next to the plan. Returns the time stamp.
 
     Args:
         folder: the study's folder.
@@ -95,8 +95,9 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
 
 
 def store_registration(folder: Path, url: str, on: date) -> None:
-    """Store URL and date of the plan's registration, as the experimenter enters them. They are not verified. Raises
-    ``StudyError`` for an invalid URL, or if another one is stored.
+    """Store URL and date of the plan's registration. They are not verified.
+
+    Raises ``StudyError`` for an invalid URL, or if another registration is stored.
     """
     if not url.startswith(("https://", "http://")) or not url.isprintable() or len(url) > 500:
         raise StudyError(
@@ -109,12 +110,13 @@ def store_registration(folder: Path, url: str, on: date) -> None:
 
 def _refuse_other(path: Path, data: bytes) -> None:
     if path.exists() and path.read_bytes() != data:
-        raise StudyError(f"{path} exists already and was not changed; remove it to store another")
+        raise StudyError(f"{path} exists already and was not changed; remove it to store another one")
 
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
-    """Returns the stored time stamp; ``None`` if there is none. Raises ``StudyError`` for the time stamp of another
-    record.
+    """Returns the stored time stamp; ``None`` if there is none.
+
+    Raises ``StudyError`` if the time stamp belongs to another record.
     """
     path = folder / TIME_STAMP
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
@@ -126,11 +128,14 @@ def read_registration(folder: Path) -> Registration | None:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Registration) if path.exists() else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{REGISTRATION} is damaged: {error}") from None
+        raise StudyError(f"{REGISTRATION} is damaged: {error}; restore a backup") from None
 
 
 def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
-    """Verify an authority's response. Raises ``StudyError`` unless it is a valid time stamp of ``record``."""
+    """Returns the time stamp in an authority's response (``data``).
+
+    Raises ``StudyError`` if it is not a valid time stamp of ``record``.
+    """
     from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
 
     try:
@@ -151,7 +156,7 @@ def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
                 return TimeStamp(
                     response.tst_info.gen_time.astimezone(UTC), _signer(response, embedded), is_trusted
                 )
-    raise StudyError(f"not a valid time stamp of this plan: {fault}")
+    raise StudyError(f"not a valid time stamp of this plan: {fault}; request one of plan-frozen.json")
 
 
 def _may_sign(root: x509.Certificate, certificates: Sequence[x509.Certificate]) -> bool:
