@@ -150,7 +150,7 @@ def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
         assert f"{name} " in shown.stdout
         assert f"{values['quasi_static_limit_n']:.3g}" in shown.stdout
     nobody = avrgym("evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", 1, "--regions")
-    assert "Nobody was touched." in nobody.stdout
+    assert "There were no contact forces." in nobody.stdout
 
 
 def test_evaluate_shows_the_cross_play_matrix(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def test_a_working_computer_has_no_errors_and_no_leftover_files(tmp_path: Path) 
     for row in rows:
         assert row["message"] in told.stdout
         assert row["fix"] in told.stdout
-    assert "a picture was rendered by " in told.stdout
+    assert "an image was rendered by " in told.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["found.json"]
 
 
@@ -37,7 +37,7 @@ def test_an_error_sets_exit_code_1_and_prints_the_fix(monkeypatch: pytest.Monkey
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     told = CliRunner().invoke(app, ["doctor"])
     assert told.exit_code == 1
-    assert re.search(r"error +OpenGL +no picture can be rendered with MUJOCO_GL=glfw: \w+", told.stdout)
+    assert re.search(r"error +OpenGL +no image can be rendered with MUJOCO_GL=glfw: \w+", told.stdout)
     assert RENDERING_HINT in told.stdout
     assert "errors: 1" in told.stdout
 

@@ -428,7 +428,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
         again = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", trained, *option
         assert_refused(run(*again), f"--resume does not accept {option[0]}")
     resumed = "train", FEEDING, "--recipe", "pair", "--resume", "--out", trained
-    assert_refused(run(*resumed), f"contains a training of {SCRATCHING}, not of {FEEDING}")
+    assert_refused(run(*resumed), f"contains a training run of {SCRATCHING}, not of {FEEDING}")
     alone = tmp_path / "alone"
     alone.mkdir()
     configuration = json.loads((trained / "configuration.json").read_text())

@@ -1,4 +1,4 @@
-"""Log the commands that are run for a study, with the user account that runs them."""
+"""Add commands of a study, with the user account, to the study's audit log."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -18,18 +18,18 @@ def log(
     *,
     shows_results: bool = False,
 ) -> None:
-    """Add a log entry for a command. If the study is read-only, print a warning."""
+    """Add an entry for a command to the audit log. If the study is read-only, print a warning instead."""
     from avrgym.study.storage.audit_log import account_actor, add_entry
 
     if store.database.read_only:
-        warn(f"{store.folder} cannot be written: its log does not contain this command")
+        warn(f"{store.folder} is read-only: its audit log does not contain this command")
     else:
         add_entry(store, account_actor(), name, participant, detail, shows_results=shows_results)
 
 
 @contextmanager
 def log_start_and_end(store: "Store", begins: str, ends: str) -> Generator[None]:
-    """Context manager: add the log entry ``begins`` at the start of a long command, and ``ends`` at its end."""
+    """Context manager: add the entry ``begins`` at the start of a long command, and ``ends`` at its end."""
     from avrgym.study.storage.states import StudyError
 
     log(store, begins)

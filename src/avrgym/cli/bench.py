@@ -130,10 +130,10 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> list[Row]:
-    """Measure a row for each environment. Print the ``shown`` columns as a table, write all columns, and return the
-    rows.
+    """Measure each environment. Returns a row for each.
 
-    If ``every`` is true, environments that fail are omitted with a message.
+    Prints the columns ``shown`` as a table, and writes all columns to ``json_file``. If ``every`` is true, environments
+    that fail are omitted with a message.
     """
     check_json(json_file)
     rows: list[Row] = []

@@ -15,8 +15,8 @@ def demo(
 ) -> None:
     """Run a simulated session and write a 3D replay of each trial.
 
-    The session has a trial of feeding, drinking, itch scratching and bed bathing each, with Jaco or PR2. It takes about
-    two minutes.
+    The session has one trial each of feeding, drinking, itch scratching and bed bathing, with Jaco or PR2. The command
+    takes about two minutes.
     """
     from avrgym.demo import run_demo
 

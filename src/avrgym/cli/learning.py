@@ -88,7 +88,7 @@ NEW_TRAINING_OPTIONS = (
     "--episode-steps",
     *RECIPE_OF_OPTION,
 )
-"""Options of a new training; ``--resume`` rejects them, because a training cannot change them."""
+"""Options of a new training run. ``--resume`` rejects them, because they cannot change during a run."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -122,14 +122,16 @@ def train(
         int | None,
         typer.Option(
             help="Total environment steps; by default 1 000 000, or the recipe's number. With --resume a larger "
-            "number continues a complete training.",
+            "number continues a complete training run.",
             min=1,
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Continue the training in the folder with its stored configuration."),
+        typer.Option(
+            "--resume", help="Continue the training run in the folder with its stored configuration."
+        ),
     ] = False,
     config: Annotated[
         Path | None,
@@ -138,10 +140,10 @@ def train(
     recipe: Annotated[
         str | None,
         typer.Option(
-            help="How to train. By default: imitation, then PPO. adaptive: a recurrent policy by imitation and PPO, "
-            "with zoo/train and the impairments none, limits, weakness, tremor. paper: PPO alone, ten million steps. "
-            "pair: robot and human together; the human has the bodies of the people. visual: imitate the policy "
-            "revised with the depth image of the wrist camera.",
+            help="The training method. By default: imitation, then PPO. adaptive: a recurrent policy by imitation and "
+            "PPO, with the people zoo/train and the impairments none, limits, weakness, tremor. paper: PPO alone, ten "
+            "million steps. pair: robot and human learn together; the human has the bodies of the people. visual: "
+            "imitate the policy revised with the depth image of the wrist camera.",
         ),
     ] = None,
     teacher: Annotated[
@@ -160,9 +162,8 @@ def train(
     imitation_share: Annotated[
         float | None,
         typer.Option(
-            help="With --recipe adaptive: the share of imitation updates; the other updates are "
-            "PPO. By default 0.25, at "
-            "least one update; 0 with --initial-policy.",
+            help="With --recipe adaptive: the share of imitation updates; the other updates are PPO. By default 0.25, "
+            "at least one update; 0 with --initial-policy.",
             min=0.0,
             max=1.0,
         ),
@@ -170,8 +171,8 @@ def train(
     alternate: Annotated[
         int,
         typer.Option(
-            help="With --recipe pair: the number of updates in which one agent learns while the other is fixed; "
-            "0: both learn in each.",
+            help="With --recipe pair: the number of updates in which one agent learns and the other is fixed; "
+            "0: both agents learn in each update.",
             min=0,
         ),
     ] = 0,
@@ -276,7 +277,7 @@ def train(
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
-    """Raise ``ValueError`` for an unknown recipe, or for options that do not fit together."""
+    """Raise ``ValueError`` for an unknown recipe, or for options that cannot be combined."""
     if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
     fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]
@@ -287,7 +288,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
             raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
         if resume and name in NEW_TRAINING_OPTIONS:
             raise ValueError(
-                f"--resume does not accept {name}: the configuration of a training cannot change"
+                f"--resume does not accept {name}: the configuration of a training run cannot change"
             )
     if "--jobs" in given and "--cluster" not in given:
         raise ValueError("--jobs needs --cluster: without a cluster, threads of this process step the worlds")
@@ -296,7 +297,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
 def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
 ) -> "AnyConfiguration":
-    """Returns the configuration of a new training. For an option that is ``None``, the recipe's default is used."""
+    """Returns the configuration of a new training run. For an option that is ``None``, the recipe's default is used."""
     from avrgym.learning.configuration import (
         Pairing,
         RecurrentConfiguration,
@@ -335,7 +336,7 @@ def _configuration(
 
 
 def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
-    """Returns the stored configuration of a training. Raises ``ValueError`` if environment or recipe differ."""
+    """Returns the stored configuration of a training run. Raises ``ValueError`` if environment or recipe differ."""
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
         VisualConfiguration,
@@ -344,7 +345,7 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
 
     configuration = read_configuration(folder)
     if configuration.environment != env:
-        raise ValueError(f"{folder} contains a training of {configuration.environment}, not of {env}")
+        raise ValueError(f"{folder} contains a training run of {configuration.environment}, not of {env}")
     recurrent = isinstance(configuration, RecurrentConfiguration)
     visual = isinstance(configuration, VisualConfiguration)
     fits = {
@@ -468,7 +469,7 @@ def evaluate(
     episode_steps: EpisodeSteps = EPISODE_STEPS,
     engine: Engine = THREADS,
     regions: Annotated[
-        bool, typer.Option("--regions", help="Show the forces by region of the body too.")
+        bool, typer.Option("--regions", help="Also show the contact forces by body region.")
     ] = False,
     json_file: JsonFile = None,
 ) -> None:

@@ -27,7 +27,7 @@ app = Program(
 
 @app.callback()
 def begin() -> None:
-    """Set up the program before every command."""
+    """Check the rendering backend before every command."""
     with report_errors():
         check_rendering_backend()
 

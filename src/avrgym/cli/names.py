@@ -61,8 +61,10 @@ def encrypt_names(
 
 
 def unlock(folder: Path) -> None:
-    """Ask for the passphrase of the identity file in a terminal, if a passphrase is needed and the environment lacks
-    it."""
+    """Ask for the passphrase of the identity file, if it is needed and not in the environment.
+
+    Without a terminal, the identity file stays locked.
+    """
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -75,7 +77,7 @@ def unlock(folder: Path) -> None:
 
 
 def print_key(folder: Path) -> None:
-    """Print how the names are encrypted, and a warning that they are lost without the key."""
+    """Print the type of encryption of the names, and advice to store a copy of the key."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -88,8 +90,10 @@ def print_key(folder: Path) -> None:
 
 
 def _new_passphrase(folder: Path) -> str:
-    """Returns a new passphrase from the environment, or from the terminal if the environment has none or the current
-    one."""
+    """Returns a new passphrase from the environment.
+
+    If the environment contains none, or the current one, the passphrase is read from the terminal.
+    """
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)

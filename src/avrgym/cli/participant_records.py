@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 REQUIRED_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
-"""Fields that every report must contain. A follow-up copies missing fields from the latest report of the event."""
+"""Required fields of a report. A follow-up copies missing fields from the latest report of the adverse event."""
 
 
 def record_adverse_event(
@@ -62,7 +62,7 @@ def record_adverse_event(
 ) -> None:
     """Record an adverse event, or a follow-up of one.
 
-    A follow-up needs only the fields that have changed. Earlier reports are kept.
+    A follow-up needs only the changed fields. Earlier reports are not changed.
     """
     from avrgym.study.people import adverse_events
     from avrgym.study.storage.audit_log import account_actor
@@ -92,7 +92,10 @@ def record_adverse_event(
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
-    """Returns default fields: those of the event's latest report for a follow-up; the current time for a new event."""
+    """Returns default values of the fields of a report.
+
+    For a follow-up (``event`` is a number): the fields of the event's latest report. For a new event: the current time.
+    """
     from avrgym.study.people.adverse_events import group_by_event
     from avrgym.study.storage.schema import now
 
@@ -252,7 +255,7 @@ def data_protection(folder: Folder) -> None:
 def change_input(
     folder: Folder,
     participant: Pseudonym,
-    method: Annotated[str | None, typer.Option(help=f"How they select: {', '.join(INPUT_METHODS)}.")] = None,
+    method: Annotated[str | None, typer.Option(help=f"The input method: {', '.join(INPUT_METHODS)}.")] = None,
     dwell: Annotated[
         float | None, typer.Option("--dwell", help="head: seconds until the ring is full, 0.5 to 3.")
     ] = None,
@@ -261,30 +264,33 @@ def change_input(
     ] = None,
     select_key: Annotated[str | None, typer.Option(help="two-switches: the key that selects.")] = None,
     resting_arm: Annotated[
-        list[str] | None, typer.Option(help="An arm that they cannot move: left or right; repeatable.")
+        list[str] | None, typer.Option(help="An arm that does not move: left or right; repeatable.")
     ] = None,
     absent_arm: Annotated[
         list[str] | None, typer.Option(help="An amputated arm: left or right; repeatable.")
     ] = None,
     stop: Annotated[
-        list[str] | None, typer.Option(help=f"How they stop: {', '.join(STOP_INPUTS)}; repeatable.")
+        list[str] | None, typer.Option(help=f"The stop method: {', '.join(STOP_INPUTS)}; repeatable.")
     ] = None,
     text: Annotated[
         float | None, typer.Option("--text", help="Font size of items in VR, degrees: 1 to 3.")
     ] = None,
     panel_distance: Annotated[
-        float | None, typer.Option("--panel-distance", help="From the eyes, metres: 0.75 to 2.")
+        float | None,
+        typer.Option("--panel-distance", help="Distance of the panel from the eyes, m: 0.75 to 2."),
     ] = None,
-    contrast: Annotated[str | None, typer.Option(help="normal or high.")] = None,
-    position: Annotated[str | None, typer.Option(help="Of the panel: left, centre or right.")] = None,
+    contrast: Annotated[str | None, typer.Option(help="Contrast: normal or high.")] = None,
+    position: Annotated[
+        str | None, typer.Option(help="Position of the panel: left, centre or right.")
+    ] = None,
     reduced_motion: Annotated[bool | None, typer.Option(help="Scene and dwell ring move in steps.")] = None,
     read_aloud: Annotated[bool | None, typer.Option(help="Read texts aloud.")] = None,
     captions: Annotated[bool | None, typer.Option(help="Show a caption for each sound.")] = None,
 ) -> None:
-    """Show or change how a participant selects and stops.
+    """Show or change a participant's input profile.
 
-    Options that are not given keep their values. A new method has its own default stop. During a session, use the
-    dashboard instead.
+    Options that are not given keep their values. A new input method has its own default stop method. During a session,
+    use the dashboard instead.
     """
     import msgspec
 
@@ -394,9 +400,9 @@ def respondent(
     participant: Pseudonym,
     who: Annotated[str, typer.Argument(help=f"{' or '.join(ANSWERING)}.", metavar="WHO")],
 ) -> None:
-    """Store who answers for a participant from now on.
+    """Set the respondent of all later questions.
 
-    Answers by proxy are marked in all tables, figures and exports.
+    The participant or a proxy can answer. Answers of a proxy are marked in all tables, figures and exports.
     """
     from avrgym.study.people.proxies import set_respondent
     from avrgym.study.storage.store import Store
@@ -412,13 +418,13 @@ def own_furniture(
     participant: Pseudonym,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Change a measure, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
+        typer.Option("--set", help="Change a dimension, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
     ] = None,
 ) -> None:
-    """Show or store measures of wheelchair and bed.
+    """Show or store dimensions of wheelchair and bed.
 
-    They replace those of study.toml and of the station in all later sessions of the participant. Names are those of
-    [furniture] in study.toml.
+    In all later sessions of the participant, they replace the dimensions of study.toml and of the station. Names are
+    those of [furniture] in study.toml.
     """
     from msgspec.structs import asdict
 
@@ -433,7 +439,7 @@ def own_furniture(
         for each in change or ():
             name, _, text = (part.strip() for part in each.partition("="))
             if name not in ALLOWED_RANGES:
-                raise RuntimeError(f"unknown measure {name!r}; allowed: {', '.join(ALLOWED_RANGES)}")
+                raise RuntimeError(f"unknown dimension {name!r}; allowed: {', '.join(ALLOWED_RANGES)}")
             try:
                 values[name] = float(text)
             except ValueError:

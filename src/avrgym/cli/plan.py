@@ -92,7 +92,7 @@ def freeze(
 
 
 def _print_deposit(record: Path) -> None:
-    """Print instructions for a proof of the plan's date."""
+    """Print instructions to prove the plan's date by a registration or a time stamp."""
     from avrgym.study.plan.frozen_plan import sha256
 
     print_line(f"SHA-256   {sha256(record.read_bytes())}")
@@ -151,7 +151,7 @@ def power(
         float, typer.Option(help="Standard deviation between participants, in points.")
     ] = 0.8,
     policy_sd: Annotated[
-        float, typer.Option(help="Standard deviation of policy by participant, in points.")
+        float, typer.Option(help="Standard deviation of the policy effect between participants, in points.")
     ] = 0.5,
     task_sd: Annotated[float, typer.Option(help="Standard deviation between tasks, in points.")] = 0.5,
     noise_sd: Annotated[float, typer.Option(help="Residual standard deviation, in points.")] = 1.0,
@@ -168,7 +168,7 @@ def power(
 ) -> None:
     """Simulate the power of the study's tests.
 
-    It simulates several numbers of participants and several effects.
+    The command simulates several numbers of participants and several effect sizes.
     """
     from avrgym.analysis.power.power import default_participant_numbers, simulate_power
     from avrgym.analysis.power.simulated_studies import Assumptions
@@ -219,7 +219,7 @@ def frozen_at_and_deviations(
 
 
 def checked(store: "Store") -> "list[Finding]":
-    """Returns all findings of a check and all deviations from the plan, without duplicates."""
+    """Returns the findings of all checks and all deviations from the plan, without duplicates."""
     from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.finding import ExcludedTrial
 

@@ -26,11 +26,14 @@ EXTRAS = {
     "demo": "study",
     "sweep": "train,cluster",
 }
-"""Extras by command. They are suggested if one of them contains the missing package."""
+"""Preferred extras by command. If one of them contains a missing package, its installation is suggested."""
 
 
 class Signals:
-    """The received signals. Signals that were ignored at the start (``nohup``) are still ignored."""
+    """Handles signals (Ctrl+C, SIGTERM, SIGHUP). Signals that are ignored at the start (``nohup``) stay ignored.
+
+    ``received``: numbers of the received signals in order.
+    """
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -43,7 +46,7 @@ class Signals:
 
     @property
     def exit_code(self) -> int:
-        """128 plus the number of the first signal."""
+        """The exit code of the program: 128 plus the number of the first signal."""
         return 128 + self.received[0]
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
@@ -55,7 +58,7 @@ class Signals:
 
 
 class Commands(TyperGroup):
-    """A group of commands. If a package is missing, the command that installs the package is printed."""
+    """A group of commands. If a package is missing, it prints the command that installs the package."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Raises ``typer.Exit`` if a package is missing."""

@@ -69,7 +69,7 @@ class Bar:
             print_line(self._line())
 
     def end(self) -> None:
-        """Print the duration if lines were printed before."""
+        """Print the duration of the work if the progress was printed as lines."""
         if self._line_s > self._started_s:
             print_line(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
 
@@ -79,8 +79,9 @@ class Bar:
         return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
-        """Returns the progress as text: ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min
-        left``.
+        """Returns the progress as text.
+
+        Example: ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``.
         """
         task, per_s = self._task, self._rate.per_s
         done = f"{task.completed:.0f} {self._unit}"

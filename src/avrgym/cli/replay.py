@@ -44,7 +44,7 @@ def replay(
         typer.Option(help="Render the recording to a new .gif file, for slides.", metavar="OUT.gif"),
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="Write this number of pictures side by side to --out.", min=1, max=20)
+        int | None, typer.Option(help="Write this number of images side by side to --out.", min=1, max=20)
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
@@ -65,7 +65,8 @@ def replay(
         typer.Option(help="Export the recording for 3D display in Foxglove and Rerun.", metavar="OUT.mcap"),
     ] = None,
     first_person: Annotated[
-        bool, typer.Option("--first-person", help="Render videos and pictures from the participant's view.")
+        bool,
+        typer.Option("--first-person", help="Render videos and images from the participant's viewpoint."),
     ] = False,
     port: Annotated[
         int, typer.Option(help="Port of the page; 0 chooses a free one.", min=0, max=65535)
@@ -75,7 +76,7 @@ def replay(
     """Replay a recorded trial.
 
     Without options, the command serves a page that shows the trial in a browser. Options verify the recording, show
-    forces, or write a page, a video or pictures.
+    forces, or write a page, a video or images.
     """
     with report_errors():
         if (frames is None) != (out is None):
@@ -117,7 +118,7 @@ def _with_file_name(file: Path) -> Generator[None]:
 
     try:
         yield
-    except RecordingError as error:  # which names its file
+    except RecordingError as error:  # its message contains the file
         raise ValueError(f"{error}; {RECORDINGS_HINT}") from error
     except ReplayError as error:
         raise ValueError(f"{file}: {error}") from error
@@ -229,7 +230,7 @@ def _draw_strip(recording: "Recording", count: int, out: Path, first_person: boo
 
     with _progress(recording, "drawing") as advance:
         times_s = write_strip(recording, count, out, first_person=first_person, progress=advance)
-    print_line(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
+    print_line(f"images    {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
 
 
 def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:

@@ -49,14 +49,14 @@ def serve(
         str | None, typer.Option(help="The participant whose session starts or continues, such as sub-001.")
     ] = None,
     host: Annotated[
-        str | None, typer.Option(help="The address to listen on: a loopback address, or with --lan any.")
+        str | None, typer.Option(help="The address to listen on: a loopback address; with --lan any address.")
     ] = None,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
     ] = PORT,
     lan: Annotated[
         bool,
-        typer.Option("--lan", help="Serve the local network too, over TLS with a self-signed certificate."),
+        typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
     ] = False,
     env: Annotated[list[str] | None, typer.Option(help="An environment of the trials; repeatable.")] = None,
     policy: Annotated[
@@ -95,7 +95,7 @@ def serve(
     ] = False,
     reach: Annotated[
         bool,
-        typer.Option("--reach", help="Measure the participant's arms too; studies set it in study.toml."),
+        typer.Option("--reach", help="Also measure the participant's arms; studies set it in study.toml."),
     ] = False,
     force_guard: Annotated[
         bool | None,
@@ -140,7 +140,7 @@ def serve(
 
     with report_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
         if body not in SEXES:
-            raise ValueError(f"unknown body {body!r}; the body models are {' and '.join(SEXES)}")
+            raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
         furniture = partial(
             change_furniture,
             seat_height_m=seat_height,

@@ -1,4 +1,4 @@
-"""The command ``avrgym study merge``, and the output of participant numbers by site and order."""
+"""The command ``avrgym study merge``, and a table of the number of participants by site and trial order."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -70,6 +70,6 @@ def merge(
 
 
 def print_sites(summary: "StudySummary") -> None:
-    """Print the number of participants in each order, by site."""
+    """Print the number of participants in each trial order, by site."""
     for site, filled in summary.filled_by_site.items():
         print_line(f"at {site}  {', '.join(map(str, filled))}")

@@ -141,7 +141,7 @@ def enrol(
     method: Annotated[
         str,
         typer.Option(
-            "--input", help=f"How they select: {', '.join(INPUT_METHODS)}. `study input` sets the details."
+            "--input", help=f"The input method: {', '.join(INPUT_METHODS)}. `study input` sets the details."
         ),
     ] = "",
 ) -> None:
@@ -182,14 +182,14 @@ def consent(
     folder: Folder,
     participant: Pseudonym,
     by: Annotated[
-        str, typer.Option("--by", help=f"Who consents: {', '.join(CONSENT_ROLES)}.")
+        str, typer.Option("--by", help=f"The role of the consent: {', '.join(CONSENT_ROLES)}.")
     ] = "participant",
 ) -> None:
     """Ask a participant for consent.
 
-    The inclusion questions follow. A participant who meets the criteria is allocated to an order. After a new version
-    of the consent text, participants must consent again. For people who cannot consent alone, store the consent of a
-    representative (--by proxy) and the participant's assent (--by assent).
+    The inclusion questions follow. If the answers meet the criteria, the participant is allocated to a trial order.
+    After a new version of the consent text, participants must consent again. If a participant cannot consent alone,
+    store the consent of a representative (--by proxy) and the participant's assent (--by assent).
     """
     from avrgym.study.storage.store import Store
 
@@ -207,7 +207,7 @@ def consent(
 
 
 def _ask_for_consent(store: "Store", person: "Participant", by: str) -> bool:
-    """Returns whether the consent is complete."""
+    """Ask for consent, and store it. Returns whether the consent is complete."""
     from avrgym.study.storage.states import check_transition
 
     check_transition("participant", person.pseudonym, person.state, "consented")
@@ -293,7 +293,8 @@ def confirm_participation(
 ) -> None:
     """Confirm a participant's consent after a rebuild.
 
-    After a rebuild, the state of some participants is unknown. Confirm those who consented and did not withdraw.
+    After a rebuild, the state of some participants is unknown. Confirm each participant with consent and without
+    withdrawal.
     """
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
@@ -316,9 +317,9 @@ def simulate(
     cluster: Cluster = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Let simulated participants complete the study.
+    """Simulate the sessions of participants.
 
-    The study runs in simulated time. A repeated command continues an earlier run.
+    The sessions run in simulated time. A repeated command continues an earlier run.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study

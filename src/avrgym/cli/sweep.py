@@ -1,4 +1,4 @@
-"""The command ``sweep``: many trainings on a cluster."""
+"""The command ``sweep``: many training runs on a cluster."""
 
 import shlex
 from dataclasses import asdict
@@ -19,7 +19,7 @@ def sweep(
         typer.Argument(help="A TOML file of environments, steps, seeds, people, recipes.", metavar="[FILE]"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="A folder for the trainings; runs/NAME for NAME.toml.")
+        Path | None, typer.Option(help="A folder for the training runs; default: runs/NAME for NAME.toml.")
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the sweep in the folder, without a file.")
@@ -28,7 +28,7 @@ def sweep(
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Run many trainings on a Ray cluster.
+    """Run many training runs on a Ray cluster.
 
     Every combination of seeds, recipes, people and environments is trained. Early stopping is optional. Needs
     `avrgym[train,cluster]`.

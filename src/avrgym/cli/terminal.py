@@ -93,7 +93,7 @@ def print_line(text: str) -> None:
 
 
 def print_skipped(what: str, error: Exception) -> None:
-    """Print one line on stderr: ``what`` the command skips, and the reason."""
+    """Print an item that the command omits (``what``), and the reason, as one line on stderr."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
@@ -131,8 +131,10 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 
 def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
-    """Print a table of contact forces by name and body region, see ``RegionStatistics``. Regions without contact are
-    omitted."""
+    """Print a table of contact forces by name and body region, see ``RegionStatistics``.
+
+    Regions without contact are omitted.
+    """
     rows = [
         {"of": name, "region": region, **figures}
         for name, regions in forces.items()
@@ -142,7 +144,7 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
     if rows:
         print_table(rows)
     else:
-        print_line("Nobody was touched.")
+        print_line("There were no contact forces.")
 
 
 def _cell(value: Any) -> str:

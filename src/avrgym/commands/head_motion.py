@@ -1,14 +1,14 @@
-"""Detection of nods, shakes and looking at the tool from the motion of N heads.
+"""Detect nods, shakes, and gaze at the tool from the motion of N heads.
 
 People signal "yes" and "no" with symmetric, cyclic head movements; other head movements in conversations are mostly
-linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a number of swings about the lateral axis of
-the head in alternating directions, a shake the same about its vertical axis. Thresholds are in
+linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a number of swings in alternating directions
+about the lateral axis of the head. A shake is the same about its vertical axis. Thresholds are in
 ``commands.preferences.Thresholds``; ``research/head_gestures.py`` measures false alarms and misses.
 
-- A turn of the head is a single swing, and looking back another one.
-- Swings about the other axes must be at most half as large: people who look about turn about several axes.
-- Swings slower than ``MIN_GESTURE_HZ`` or faster than ``MAX_GESTURE_HZ`` do not count. Tremor of the head has 4 to 12
-  Hz (Bhatia et al., Mov. Disord. 33:75, 2018).
+- A turn of the head is a single swing. The turn back is another swing.
+- Swings about the other axes must be at most half as large. A person that looks around turns about several axes.
+- Swings slower than ``MIN_GESTURE_HZ`` or faster than ``MAX_GESTURE_HZ`` are ignored. Tremor of the head has 4 to 12 Hz
+  (Bhatia et al., Mov. Disord. 33:75, 2018).
 - Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
 """
 
@@ -21,15 +21,16 @@ from avrgym.commands.preferences import Thresholds
 from avrgym.geometry import transforms
 
 SAMPLE_S = 0.04
-"""Minimum sampling interval. Headsets with 50 to 120 frames a second then give 22 to 25 samples a second."""
+"""Minimum sampling interval in seconds. Headsets with 50 to 120 frames per second then give 22 to 25 samples per
+second."""
 WINDOW_S = 1.5
-"""Duration of the time window in which a gesture is detected."""
+"""Duration in seconds of the time window in which a gesture is detected."""
 MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
-"""Frequencies of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
+"""Minimum and maximum frequency of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
 MIN_AXIS_RATIO = 2.0
-"""Smallest ratio of the swings about the axis of a gesture to those about the other axes."""
+"""Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
 PAUSE_S = 1.5
-"""Minimum time between two gestures of a head."""
+"""Minimum time in seconds between two gestures of a head."""
 _SAMPLES = round(WINDOW_S / SAMPLE_S)
 
 Gesture = Literal["nod", "shake"]
@@ -49,7 +50,7 @@ class HeadGestures:
 
         Args:
             q: (N, 4) quaternions w, x, y, z, in any fixed frame. The head's x axis points to its side, its y axis up.
-            time_s: time of the measurement. Measurements that follow too early are ignored.
+            time_s: time of the measurement. A measurement within ``SAMPLE_S`` of the previous one is ignored.
         """
         if time_s - self._latest_s < SAMPLE_S - 1e-6:
             return {}
@@ -76,7 +77,10 @@ class HeadGestures:
 
 
 class Swings(NamedTuple):
-    """Swings about the axes of N heads, (N, 3): their number, their mean duration, and the root-mean-square extent."""
+    """Swings about the three axes of N heads. All arrays are (N, 3).
+
+    ``number``: number of swings. ``duration_s``: their mean duration. ``extent_rad``: root-mean-square of the rotation.
+    """
 
     number: IntArray
     duration_s: FloatArray
@@ -84,11 +88,11 @@ class Swings(NamedTuple):
 
 
 def find_swings(q: FloatArray, swing_rad: float) -> Swings:
-    """Find the swings in a time window. A swing is a rotation in one direction by at least ``swing_rad``.
+    """Returns the swings in a time window. A swing is a rotation in one direction by at least ``swing_rad``.
 
     Args:
         q: (N, T, 4) orientations at intervals of ``SAMPLE_S``.
-        swing_rad: the smallest swing that counts, peak to peak.
+        swing_rad: minimum angle of a swing, peak to peak.
     """
     turned = transforms.to_rotation_vector(transforms.multiply(transforms.conjugate(q[:, :1]), q))
     highest = lowest = turned[:, 0]
@@ -111,14 +115,14 @@ def find_swings(q: FloatArray, swing_rad: float) -> Swings:
 
 
 class GazeTimer:
-    """Measures how long N heads have faced the tool without interruption, or have not faced it."""
+    """Measures how long each of N heads faces the tool (``facing_s``), or does not face it (``away_s``)."""
 
     def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
         self.facing_s, self.away_s = np.zeros(heads), np.zeros(heads)
 
     def update(self, angle_rad: FloatArray, step_s: float) -> None:
-        """Process the angles (N,) between the heads' directions and the tool after a time step."""
+        """Update the timers. ``angle_rad`` (N,): angle between head direction and tool after a step of ``step_s``."""
         facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
         self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
         self.away_s = np.where(facing, 0.0, self.away_s + step_s)

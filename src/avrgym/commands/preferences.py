@@ -1,6 +1,6 @@
 """Commands and sources of a study's condition, and the preferences of a participant.
 
-``study.toml`` and the database store these records. Invalid combinations are refused.
+``study.toml`` and the database store these records. Invalid combinations are rejected.
 """
 
 from collections.abc import Collection, Sequence
@@ -14,7 +14,7 @@ from avrgym.commands.vocabulary import COMMANDS, CommandName, Source, commands_o
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_STEP = 0.25, 1.25, 0.25
 """Minimum and maximum speed factor, and its change by the commands ``slower`` and ``faster``."""
 MIN_DISTANCE_M, MAX_DISTANCE_M, DISTANCE_STEP_M = 0.05, 0.40, 0.05
-"""Minimum and maximum waiting distance, and its change by the commands ``closer`` and ``farther``."""
+"""Minimum and maximum distance at the waiting pose, and its change by the commands ``closer`` and ``farther``."""
 STANDARD_FORCE_SHARE = 0.5
 """Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
 
@@ -28,13 +28,13 @@ class Thresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     """Thresholds of nod, shake and gaze; see ``commands.head_motion``."""
 
     swing_deg: Annotated[float, Meta(ge=2, le=30)] = 6.0
-    """Smallest swing of head rotation that counts, peak to peak."""
+    """Minimum angle of a swing of the head, peak to peak."""
     swings: Annotated[int, Meta(ge=2, le=6)] = 3
-    """Swings of a nod or shake, in alternating directions."""
+    """Minimum number of swings of a nod or shake, in alternating directions."""
     gaze_deg: Annotated[float, Meta(ge=5, le=45)] = 20.0
-    """Largest angle between the direction of the head and the tool when the participant looks at the tool."""
+    """Maximum angle between head direction and tool for gaze at the tool."""
     gaze_s: Annotated[float, Meta(ge=0.5, le=5)] = 1.5
-    """Duration of looking at the tool, or away from it, that gives a command."""
+    """Minimum duration of gaze at the tool, or away from it, that gives a command."""
 
 
 class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -50,7 +50,6 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
         force_share: share of the force limits of ISO/TS 15066 at which the force guard retracts the arm.
         commands, sources: selected commands and their sources.
         thresholds: thresholds of head gestures and gaze.
-
 
     Raises:
         ValueError: for values that are out of range or contradict each other.
@@ -106,11 +105,11 @@ def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Pref
 
 
 class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """Rules of a condition: the policy, and the commands with which participants influence the robot.
+    """Rules of a condition: the policy, and the commands of participants to the robot.
 
-    ``commands`` and ``sources`` are allowed. Without commands the robot is autonomous. ``pacing``: whether the pacing
-    layer executes the commands; otherwise only the controller receives them. ``preferences``: whether the
-    participants' preferences replace ``defaults``.
+    ``commands``: the allowed commands; without commands the robot is autonomous. ``sources``: the allowed sources of
+    commands. ``pacing``: whether the pacing layer executes the commands; otherwise only the controller receives them.
+    ``preferences``: whether the participants' preferences replace ``defaults``.
     """
 
     policy: str
@@ -194,7 +193,7 @@ def find_contradiction(rules: AppliedRules) -> str:
 
 
 def _chosen(name: str, allowed: Sequence[Any], wanted: Sequence[Any] | None) -> tuple[Any, ...]:
-    """Returns the wanted values in the order of the allowed ones; all without a wish."""
+    """Returns the wanted values in the order of the allowed values; all allowed values if ``wanted`` is ``None``."""
     if wanted is None:
         return tuple(allowed)
     other = [each for each in wanted if each not in allowed]
@@ -234,7 +233,7 @@ _WORDS: dict[str, dict[str, str]] = {
 
 
 def describe_preferences(preferences: Preferences, language: str = "en") -> str:
-    """Returns the preferences as sentences for the participant. Languages other than German give English."""
+    """Returns the preferences as sentences for the participant, in German or English (for all other languages)."""
     words = _WORDS.get(language.partition("-")[0], _WORDS["en"])
     keys: Collection[str] = ("speed", "distance", preferences.bite_timing, "force")
     if preferences.commands is not None:

@@ -1,10 +1,9 @@
-"""People who consent to the participation, and people who answer questionnaires."""
+"""Roles of the people that give consent, and of the people that answer questionnaires."""
 
 RESPONDENTS = ("participant", "proxy", "caregiver")
-"""People who answer questionnaires: the participant; a proxy for the participant; a caregiver for themselves."""
+"""Respondents of questionnaires: the participant; a proxy for the participant; a caregiver for themselves."""
 PARTICIPANT, PROXY, CAREGIVER = RESPONDENTS
 ANSWERING = (PARTICIPANT, PROXY)
-"""People who answer the questions to a participant."""
+"""Allowed respondents of the questions to a participant."""
 CONSENT_ROLES = (PARTICIPANT, PROXY, "assent")
-"""Roles in which a consent is given: the participant; a representative; the participant who assents to the consent of a
-representative."""
+"""Roles of a consent: the participant's own consent, the consent of a representative, the participant's assent."""

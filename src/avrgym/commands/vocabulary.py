@@ -10,9 +10,9 @@ HeadSource = Literal["nod", "shake", "gaze"]
 ClientSource = Literal["dwell", "switch", "button", "key"]
 """Sources that the participant's client reports."""
 WatcherSource = Literal["caregiver", "experimenter"]
-"""Sources that watchers' pages report."""
+"""Sources that the pages of caregiver and experimenter report."""
 Source = HeadSource | ClientSource | WatcherSource
-"""Origin of a command: head gestures, looking at or away from the tool, dwell on an icon, a switch, a button of page or
+"""Source of a command: a head gesture, gaze at or away from the tool, dwell on an icon, a switch, a button of page or
 gamepad, a key, or another person."""
 
 
@@ -62,7 +62,7 @@ LIMITED_SOURCES: Mapping[str, tuple[CommandName, ...]] = {
     "shake": ("wait",),
     "gaze": ("ready", "wait"),
 }
-"""Allowed commands of sources that cannot give every command."""
+"""Allowed commands by source. Sources that are not listed can give every command."""
 
 
 def commands_of(source: Source) -> tuple[CommandName, ...]:

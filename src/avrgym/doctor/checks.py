@@ -41,7 +41,7 @@ CHECKS = (
 
 
 def run_checks(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
-    """Run all checks. Yields the name and the result of each check. An exception in a check becomes an error."""
+    """Yields the name and the finding of each check. An exception in a check becomes an error."""
     for check in checks:
         try:
             yield check.name, check.run()

@@ -18,12 +18,12 @@ UFW = Path("/etc/ufw/ufw.conf")
 
 
 def check_browser() -> Finding:
-    """Check that Playwright and Chromium are installed; `avrgym demo` needs them for pictures."""
+    """Check that Playwright and Chromium are installed; `avrgym demo` needs them for images."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
         return warning(
-            "Playwright is not installed; the demo needs it for pictures", "pip install 'avrgym[browser]'"
+            "Playwright is not installed; the demo needs it for images", "pip install 'avrgym[browser]'"
         )
     found = find_chromium()
     if found is None:
@@ -31,7 +31,7 @@ def check_browser() -> Finding:
             found = playwright.chromium.executable_path
     if not Path(found).is_file():
         return warning(
-            "Chromium is not installed; the demo needs it for pictures", "playwright install chromium"
+            "Chromium is not installed; the demo needs it for images", "playwright install chromium"
         )
     return ok(found)
 
@@ -108,6 +108,6 @@ def check_certificate(expected: Certificate) -> Finding:
     if reason is not None:
         return warning(
             f"{expected.certificate_file}: {reason}",
-            "nothing to do: --lan creates a new one, and each headset asks again whether to trust it",
+            "nothing to do: --lan creates a new one, which you must trust again on each headset",
         )
     return ok(f"{expected.certificate_file}")

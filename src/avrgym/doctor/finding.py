@@ -19,22 +19,22 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """A check of this computer. ``run`` must not change anything."""
+    """A check of this computer. ``run`` returns the finding; it must not change the computer."""
 
     name: str
     run: Callable[[], Finding]
 
 
 def ok(message: str) -> Finding:
-    """Returns a finding without a problem."""
+    """Returns a finding in the state ``ok``: no problem was found."""
     return Finding("ok", message)
 
 
 def warning(message: str, fix: str) -> Finding:
-    """Returns a finding that a part of AVR Gym is limited."""
+    """Returns a finding in the state ``warning``: a part of AVR Gym is limited."""
     return Finding("warning", message, fix)
 
 
 def error(message: str, fix: str) -> Finding:
-    """Returns a finding that a part of AVR Gym does not work."""
+    """Returns a finding in the state ``error``: a part of AVR Gym does not work."""
     return Finding("error", message, fix)

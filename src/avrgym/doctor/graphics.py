@@ -19,7 +19,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 
 
 def check_graphics_card() -> Finding:
-    """Find the graphics card, and check that the driver of an NVIDIA card responds."""
+    """Check that the driver of an NVIDIA card responds, and report the graphics card."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
@@ -42,18 +42,18 @@ def _nvidia(program: str) -> Finding:
 
 
 def check_rendering() -> Finding:
-    """Check that MuJoCo can render a picture, and report the renderer."""
+    """Check that MuJoCo can render an image, and report the renderer."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired:
-        return error(f"no picture was rendered within {TIMEOUT_S:.0f} s", RENDERING_HINT)
+        return error(f"no image was rendered within {TIMEOUT_S:.0f} s", RENDERING_HINT)
     way = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
     if ran.returncode != 0:
-        return error(f"no picture can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
+        return error(f"no image can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
     renderer = ran.stdout.strip()
     slowly = ", by the processor" if renderer.startswith(SOFTWARE_RENDERERS) else ""
-    return ok(f"a picture was rendered by {renderer} ({way}{slowly})")
+    return ok(f"an image was rendered by {renderer} ({way}{slowly})")
 
 
 def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
@@ -64,7 +64,7 @@ def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
 
 
 def draw_ball() -> str:
-    """Render a red ball and return the renderer's name. Raises ``RuntimeError`` if the picture shows no ball."""
+    """Render a red ball. Returns the renderer's name. Raises ``RuntimeError`` if the image shows no ball."""
     import mujoco
     from OpenGL import GL
 
@@ -75,7 +75,7 @@ def draw_ball() -> str:
         renderer.update_scene(data)
         red, green, _ = renderer.render()[HEIGHT_PX // 2, WIDTH_PX // 2]
         if red <= green:
-            raise RuntimeError("the picture does not show the red ball; update the graphics driver")
+            raise RuntimeError("the image does not show the red ball; update the graphics driver")
         return GL.glGetString(GL.GL_RENDERER).decode()
 
 

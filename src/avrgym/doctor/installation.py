@@ -13,11 +13,11 @@ from avrgym.system.extras import DEVELOPER_EXTRAS
 from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, PAGES, ServerError, check_page
 
 SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
-"""Packages of which the check prints the version, for bug reports."""
+"""Packages whose versions are printed for bug reports."""
 
 
 def check_python(installed: str, requirement: str | None = None) -> Finding:
-    """Check the Python version against AVR Gym's requirement, or against ``requirement``, such as ``>=3.11``."""
+    """Check the Python version. ``requirement``: such as ``>=3.11``; default: the requirement of AVR Gym."""
     required = requirement or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(required).contains(installed, prereleases=True):
         return ok(f"{installed} on {platform.system()} {platform.machine()}")
@@ -64,7 +64,7 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """List the installed extras, given the requirements of each extra. A conflicting package version is a warning."""
+    """Report the installed extras. ``requirements``: requirements of each extra. A wrong version is a warning."""
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
@@ -92,13 +92,15 @@ def check_plugins() -> Finding:
     """Check that all plug-ins of other packages can be loaded."""
     skipped = skipped_plugins()
     if skipped:
-        return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; the rest works")
+        return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; other packages work")
     return ok("all plug-ins can be loaded")
 
 
 def _conflicting_version(requirement: Requirement) -> str | None:
-    """Returns the installed version if it conflicts with the requirement, "" if the package is missing, else
-    ``None``."""
+    """Returns the installed version if it conflicts with the requirement.
+
+    Returns "" if the package is missing, and ``None`` without a conflict.
+    """
     try:
         found = version(requirement.name)
     except PackageNotFoundError:

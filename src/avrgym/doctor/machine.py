@@ -60,7 +60,7 @@ def _user() -> str:
 
 
 def oversleep_s() -> float:
-    """Measures actual minus requested duration of a sleep of one tick. Returns the median in seconds."""
+    """Returns the median oversleep in seconds: actual minus requested duration of a sleep of one tick."""
     excesses_s: list[float] = []
     for _ in range(SLEEP_COUNT):
         began = time.monotonic()
@@ -70,7 +70,7 @@ def oversleep_s() -> float:
 
 
 def check_timer(excess_s: float) -> Finding:
-    """Check that sleeps are precise enough for ticks of 10 ms. ``excess_s`` is from ``oversleep_s``."""
+    """Check that sleeps are precise enough for ticks of 10 ms. ``excess_s``: result of ``oversleep_s``."""
     text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
     if excess_s <= OVERSLEEP_SHARE * TICK_S:
         return ok(text)
@@ -80,7 +80,7 @@ def check_timer(excess_s: float) -> Finding:
 def check_cpu_idle_states(
     driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE
 ) -> Finding:
-    """Check that idle processors wake quickly. In a virtual machine, this requires write access to ``latency``."""
+    """Check that idle processors wake up quickly. In a virtual machine, this requires write access to ``latency``."""
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):

@@ -17,7 +17,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 Kind = Literal["task", "robot", "controller"]
 TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
-"""For each kind, the name in the template that the new name replaces."""
+"""Name of the example in each template. The new name replaces it."""
 TEMPLATE_FILES = (".md", ".py", ".toml", ".xml")
 """Suffixes of template files. Installers add files with other suffixes, such as compiled Python files."""
 NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
@@ -27,16 +27,16 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
     """Write a package with a task, a robot or a controller.
 
     Args:
-        kind: what the package adds.
+        kind: content of the package.
         name: a capital letter, then letters and digits, such as ``LiftArm``.
         out: a new folder; ``lift-arm`` in the working directory by default.
 
     Returns:
-        The files.
+        The paths of the written files.
 
     Raises:
         ValueError: for an invalid name or an existing folder.
-        OSError: for a write error; partial output is removed.
+        OSError: if a file cannot be written; partial output is removed.
     """
     check_name(kind, name)
     folder = out or Path(distribution(name))
@@ -52,7 +52,7 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
 
 
 def check_name(kind: Kind, name: str) -> None:
-    """Raise ``ValueError`` for a name that a package of this kind cannot have."""
+    """Raise ``ValueError`` for an invalid or used name of a task, robot or controller."""
     if not NAME.fullmatch(name) or not name.isascii():
         raise ValueError(
             f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and "

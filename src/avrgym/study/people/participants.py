@@ -265,8 +265,8 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
         if participant.state != UNKNOWN or participant.cell is None:
             order = "" if participant.cell is not None else " and has no order of trials"
             raise StudyError(
-                f"{participant} is {participant.state}{order}; allowed: a participant in the state unknown with an order "
-                "of trials, after a rebuild of the database"
+                f"{participant} is {participant.state}{order}; allowed: a participant with unknown state and an "
+                "order of trials, after a rebuild of the database"
             )
         after = "completed" if has_finished(store, connection, participant) else "allocated"
         about = {"participant": participant.number}
