@@ -75,7 +75,11 @@ def test_use_adds_items_of_an_instrument(name: str) -> None:
             "unknown name 'items'; allowed: use, name, when",
         ),
         ('use = "ssq"\nwhen = "later"', 2, "unknown value 'later'; allowed: before_session"),
-        ('use = "ssq"\nwhen = "after_trial"\nweights = { }', 3, "allowed: weights with use of nasa-tlx"),
+        (
+            'use = "ssq"\nwhen = "after_trial"\nweights = { }',
+            3,
+            "allowed: questionnaires with use = nasa-tlx",
+        ),
         (
             f'use = "nasa-tlx"\nwhen = "after_trial"\nweights = {{ {WEIGHTS} }}'.replace("5", "4"),
             3,

@@ -299,7 +299,10 @@ def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None
 
 
 def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
-    with Store(folder) as store, pytest.raises(StudyError, match="is withdrawn; allowed: participants"):
+    with (
+        Store(folder) as store,
+        pytest.raises(StudyError, match="is withdrawn; allowed: a participant with unknown state"),
+    ):
         confirm_participation(store, "sub-002", "form")
     lose(folder, FILE)
     assert avrgym("confirm-participation", folder, "sub-001", "--evidence", " ").exit_code == 1

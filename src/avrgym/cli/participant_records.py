@@ -169,10 +169,10 @@ def retention(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """List data whose retention period has ended.
+    """List data after their retention period, or delete them.
 
-    The periods are in [retention] of study.toml. With --delete, data that are due are deleted, and each deletion is
-    logged. Run the command with --delete daily by cron or systemd.
+    The periods are in [retention] of study.toml. With --delete, due data are deleted, and each deletion is logged. Run
+    the command with --delete daily by cron or systemd.
     """
     from avrgym.study.people.retention import (
         DATA_NAMES,
@@ -219,7 +219,7 @@ def participant_data(
 ) -> None:
     """Write all data of one participant to an archive.
 
-    The archive is for a participant who requests their data. It contains an index, recordings, notes and the name.
+    A participant can request their data. The archive contains an index, recordings, notes and the name.
     """
     from avrgym.study.export.participant_archive import write_participant_data
     from avrgym.study.storage.identity_file import named_pseudonyms

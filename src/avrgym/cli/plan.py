@@ -204,7 +204,7 @@ def power(
 def frozen_at_and_deviations(
     store: "Store", left_out: "Sequence[ExcludedTrial]" = ()
 ) -> "tuple[str | None, list[Finding]]":
-    """Returns the time at which the plan was frozen (``None`` without a plan), and the deviations from the plan."""
+    """Returns the time of the plan's freezing (``None`` without a plan), and the deviations from the plan."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
     frozen = read_frozen_plan(store)

@@ -61,7 +61,7 @@ class Commands(TyperGroup):
     """A group of commands. If a package is missing, it prints the command that installs the package."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command. Raises ``typer.Exit`` if a package is missing."""
+        """Run the command. Returns its result. Raises ``typer.Exit`` if a package is missing."""
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
@@ -99,7 +99,7 @@ def _is_broken_off(end: BaseException) -> bool:
 
 
 def _notes(end: BaseException) -> list[str]:
-    """Returns the notes of an interruption: which results are stored, and how to continue."""
+    """Returns the notes of an interruption: the stored results, and how to continue."""
     error: BaseException | None = end
     while error is not None:
         if isinstance(error, KeyboardInterrupt):

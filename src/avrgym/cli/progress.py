@@ -106,7 +106,7 @@ def progress_bar(
         label: name of the work.
         total: amount of work; ``None`` if it is unknown.
         unit: unit of the amount, such as ``steps``.
-        stopped: message after an interruption: which results are stored, and how to continue.
+        stopped: message after an interruption: the stored results, and how to continue.
         clock: a function that returns the time in seconds.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

@@ -18,7 +18,7 @@ UFW = Path("/etc/ufw/ufw.conf")
 
 
 def check_browser() -> Finding:
-    """Check that Playwright and Chromium are installed; `avrgym demo` needs them for images."""
+    """Returns the finding whether Playwright and Chromium are installed; `avrgym demo` needs them for images."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -37,7 +37,7 @@ def check_browser() -> Finding:
 
 
 def check_headset() -> Finding:
-    """Check that a headset is connected by cable and allows USB debugging."""
+    """Returns the finding whether a headset is connected by cable and allows USB debugging."""
     program = shutil.which("adb")
     if program is None:
         return warning(
@@ -58,7 +58,7 @@ def check_headset() -> Finding:
 
 
 def check_port(number: int) -> Finding:
-    """Check that a server can listen on a port of this computer."""
+    """Returns the finding whether a server can listen on a port of this computer."""
     try:
         listen(LOOPBACK[0], number).close()
     except ServerError as failure:
@@ -67,7 +67,7 @@ def check_port(number: int) -> Finding:
 
 
 def check_network(names: Sequence[str]) -> Finding:
-    """Check that this computer has an address in the local network."""
+    """Returns the finding whether this computer has an address in the local network."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
         return warning(
             "this computer has no network address, so headsets cannot use --lan",
@@ -77,7 +77,7 @@ def check_network(names: Sequence[str]) -> Finding:
 
 
 def check_firewall(number: int, ufw: Path = UFW) -> Finding:
-    """Check that no firewall blocks a port for headsets in the local network."""
+    """Returns the finding whether no firewall blocks a port for headsets in the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
         return warning(
             "ufw is active and may block headsets with --lan",
@@ -99,7 +99,7 @@ def _succeeds(*command: str) -> bool:
 
 
 def check_certificate(expected: Certificate) -> Finding:
-    """Check that the certificate of --lan is valid, and that other users cannot read its key."""
+    """Returns the finding whether the certificate of --lan is valid, and that other users cannot read its key."""
     if not expected.certificate_file.exists():
         return ok(f"none yet; --lan creates one in {expected.certificate_file.parent}")
     if any(exposed_paths(expected.key_file)):

@@ -19,7 +19,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 
 
 def check_graphics_card() -> Finding:
-    """Check that the driver of an NVIDIA card responds, and report the graphics card."""
+    """Returns the finding about the graphics card: its name, and whether the driver of an NVIDIA card responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
@@ -42,7 +42,7 @@ def _nvidia(program: str) -> Finding:
 
 
 def check_rendering() -> Finding:
-    """Check that MuJoCo can render an image, and report the renderer."""
+    """Returns the finding whether MuJoCo can render an image, and with which renderer."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)

@@ -17,7 +17,7 @@ SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
 
 
 def check_python(installed: str, requirement: str | None = None) -> Finding:
-    """Check the Python version. ``requirement``: such as ``>=3.11``; default: the requirement of AVR Gym."""
+    """Returns the finding about the Python version. ``requirement``: such as ``>=3.11``; default: that of AVR Gym."""
     required = requirement or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(required).contains(installed, prereleases=True):
         return ok(f"{installed} on {platform.system()} {platform.machine()}")
@@ -28,7 +28,7 @@ def check_python(installed: str, requirement: str | None = None) -> Finding:
 
 
 def check_packages(requirements: Sequence[Requirement]) -> Finding:
-    """Check that the installed packages meet requirements such as ``numpy>=2.0``."""
+    """Returns the finding whether the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in requirements if _conflicting_version(each) is not None]
     if unmet:
         return error(_list_unmet(unmet), _install(unmet))
@@ -64,7 +64,10 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """Report the installed extras. ``requirements``: requirements of each extra. A wrong version is a warning."""
+    """Returns the finding about installed extras. A package with a wrong version is a warning.
+
+    ``requirements``: requirements of each extra.
+    """
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
@@ -79,7 +82,7 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
 
 
 def check_client() -> Finding:
-    """Check that the pages of the browser client are installed."""
+    """Returns the finding whether the pages of the browser client are installed."""
     try:
         for page in PAGES:
             check_page(page)
@@ -89,7 +92,7 @@ def check_client() -> Finding:
 
 
 def check_plugins() -> Finding:
-    """Check that all plug-ins of other packages can be loaded."""
+    """Returns the finding whether all plug-ins of other packages can be loaded."""
     skipped = skipped_plugins()
     if skipped:
         return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; other packages work")

@@ -27,7 +27,7 @@ FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
 
 def check_processors() -> Finding:
-    """Check that there are at least two processors."""
+    """Returns the finding whether there are at least two processors."""
     count = _processor_count()
     if count > 1:
         return ok(f"{count}")
@@ -39,7 +39,7 @@ def _processor_count() -> int:
 
 
 def check_real_time_priority() -> Finding:
-    """Check that the simulation's thread may have real-time priority."""
+    """Returns the finding whether the simulation's thread may have real-time priority."""
     if sys.platform != "linux" or _processor_count() == 1:
         return ok("not available on this system")
     with ThreadPoolExecutor(1) as thread:
@@ -70,7 +70,10 @@ def oversleep_s() -> float:
 
 
 def check_timer(excess_s: float) -> Finding:
-    """Check that sleeps are precise enough for ticks of 10 ms. ``excess_s``: result of ``oversleep_s``."""
+    """Returns the finding whether sleeps are precise enough for ticks of 10 ms.
+
+    ``excess_s``: result of ``oversleep_s``.
+    """
     text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
     if excess_s <= OVERSLEEP_SHARE * TICK_S:
         return ok(text)
@@ -80,7 +83,10 @@ def check_timer(excess_s: float) -> Finding:
 def check_cpu_idle_states(
     driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE
 ) -> Finding:
-    """Check that idle processors wake up quickly. In a virtual machine, this requires write access to ``latency``."""
+    """Returns the finding whether idle processors wake up quickly.
+
+    In a virtual machine, this requires write access to ``latency``.
+    """
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):
@@ -92,7 +98,10 @@ def check_cpu_idle_states(
 
 
 def check_open_file_limit(number: int | None = None) -> Finding:
-    """Check that the maximum number of open files is enough for a server; default: the limit of this process."""
+    """Returns the finding whether the maximum number of open files is enough for a server.
+
+    ``number``: the maximum number; default: the limit of this process.
+    """
     allowed = max_open_files() if number is None else number
     needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     if allowed >= needed:
@@ -101,7 +110,7 @@ def check_open_file_limit(number: int | None = None) -> Finding:
 
 
 def check_writable(folder: Path) -> Finding:
-    """Check that files can be written and locked in a folder, or that the folder can be created."""
+    """Returns the finding whether files can be written and locked in a folder, or that the folder can be created."""
     place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
@@ -118,12 +127,12 @@ def check_writable(folder: Path) -> Finding:
 
 
 def check_free_space(folder: Path) -> Finding:
-    """Check that the folder's disk has space for the recordings of a study."""
+    """Returns the finding whether the folder's disk has space for the recordings of a study."""
     return check_free_bytes(shutil.disk_usage(_existing_parent(folder)).free)
 
 
 def check_free_bytes(free_bytes: int) -> Finding:
-    """Check that a number of free bytes is enough for the recordings of a study."""
+    """Returns the finding whether a number of free bytes is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
     text = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"

@@ -95,7 +95,7 @@ def _is_completed(path: Path) -> bool:
 
 
 def check_retention_periods(store: Store) -> Iterator[Finding]:
-    """Yields findings about data whose retention period has ended."""
+    """Yields findings about data after the end of their retention period."""
     return (Finding("retention", words, is_error=False) for words in describe_due_deletions(store, today()))
 
 

@@ -37,7 +37,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
 def _check_present_texts(
     store: Store, consents: list[Consent], archive: list[ConsentText]
 ) -> Iterator[Finding]:
-    """Yields findings about languages in which participants read another text with the design's consent version."""
+    """Yields findings about the design's consent text: participants read another text with the same version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
         shown = current_text(store, language)

@@ -69,7 +69,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Yields a finding about sessions without a stored design, which earlier versions of AVR Gym recorded."""
+    """Yields a finding about sessions without a stored design. Earlier versions of AVR Gym stored no designs."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:

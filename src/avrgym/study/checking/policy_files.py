@@ -96,7 +96,7 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
 
 
 def check_used_policies(store: Store) -> Iterator[Finding]:
-    """Yields findings about policies whose files differ between sessions, or whose current file no session used."""
+    """Yields findings about policy files that differ between sessions, or that no session used."""
     used = used_policies(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():

@@ -16,7 +16,7 @@ from avrgym.tasks.settings import Settings
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
-    """Load a policy of the study's design for an environment.
+    """Returns a policy of the study's design for an environment.
 
     Raises:
         PolicyError: if the policy is missing, damaged, or trained for another environment.

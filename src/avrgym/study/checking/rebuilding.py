@@ -88,7 +88,7 @@ class _RecordedAttempt:
 
 
 def rebuild_study(folder: Path) -> RebuildSummary:
-    """Rebuild the lost database of a study. The identity file and complete recordings are not changed.
+    """Rebuild the lost database of a study. Returns a summary. Identity file and complete recordings are not changed.
 
     Truncated recordings of finished trials are completed. States are read from the participation list. If the list is
     missing or invalid, all states become ``unknown``, and an invalid list is renamed.

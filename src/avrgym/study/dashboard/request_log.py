@@ -28,7 +28,7 @@ VIEW_RESULTS = "view results"
 
 
 def actor_of(caller: Caller) -> Actor:
-    """Returns the person who uses a token, as stored in the audit log."""
+    """Returns the person with a token, in the format of the audit log."""
     if caller.name:
         return Actor(caller.name, OWN_TOKEN)
     return Actor(SHARED_TOKEN_NAME, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)

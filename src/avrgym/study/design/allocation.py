@@ -49,7 +49,7 @@ def least_filled_cell(
 
 
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
-    """Returns all cells of the design in the order in which a site fills them.
+    """Returns all cells of the design, in the filling order of a site.
 
     The order differs between sites: small sites then fill different cells.
     """

@@ -1,8 +1,8 @@
 """Counterbalance the orders of tasks and conditions by Williams squares.
 
-A Williams square is a Latin square: each condition is equally often at each position, and equally often after each
-other condition (Williams, *Experimental designs balanced for the estimation of residual effects of treatments*,
-1949). For an odd number of conditions, the square has twice as many rows.
+A Williams square is a Latin square: each condition is equally often at each position. It is also equally often after
+each other condition. For an odd number of conditions, the square has twice as many rows. Source: Williams,
+*Experimental designs balanced for the estimation of residual effects of treatments*, 1949.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     """Returns the balanced orders of blocks. A cell of the design is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
-    same way, over the blocks of each task and over the blocks at each place.
+    same way: over the blocks of each task, and over the blocks at each place.
     """
     task_rows = _shuffled_square(tasks, rng)
     condition_rows = _shuffled_square(conditions, rng)

@@ -86,7 +86,7 @@ class Condition(CommandRules, frozen=True, forbid_unknown_fields=True, omit_defa
 
 
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Facts for publications, which recordings do not contain. An unknown fact is an empty text."""
+    """Facts for publications that recordings do not contain. An unknown fact is an empty text."""
 
     ethics_approval: str = ""
     recruitment: str = ""
@@ -180,7 +180,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def rules(self) -> StopRules:
-        """The stop rules, which pause or end a session after certain answers."""
+        """The stop rules. They pause or end a session after certain answers."""
         return StopRules(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
@@ -232,7 +232,7 @@ def read_design(path: Path) -> Design:
 def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Design:
     """Returns the design in a TOML text; ``file_name``: the file's name in error messages.
 
-    ``folder``: the study's folder, which contains translations and texts of validated questionnaires.
+    ``folder``: the study's folder with translations and texts of validated questionnaires.
 
     Raises:
         DesignError: if the text is invalid.

@@ -71,7 +71,7 @@ class DesignError(ValueError):
 
 
 def read_text(path: Path) -> str:
-    """Read a text file. Raises ``DesignError`` if it is not UTF-8, and ``OSError`` if it cannot be read."""
+    """Returns the text of a file. Raises ``DesignError`` if it is not UTF-8, and ``OSError`` if it cannot be read."""
     try:
         return read_user_text(path)
     except UnicodeDecodeError as error:

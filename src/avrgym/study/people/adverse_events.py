@@ -50,7 +50,7 @@ _CLOCKS_DIFFER = timedelta(minutes=5)
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A report of an adverse event.
 
-    ``began_at``: start of the event, ISO 8601 with UTC offset. ``trial``: position of the trial in which it began.
+    ``began_at``: start of the event, ISO 8601 with UTC offset. ``trial``: position of the trial.
     ``action``: the action that was taken.
     """
 

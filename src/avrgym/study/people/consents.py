@@ -152,7 +152,7 @@ def current_text(store: Store, language: str) -> DisplayedConsentText | None:
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
-    """Returns the pseudonyms of the participants who gave these consents, as text without duplicates."""
+    """Returns the pseudonyms of the participants with these consents, as text without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 

@@ -25,8 +25,8 @@ from avrgym.study.storage.study_folder import used_numbers
 def delete_participant(store: Store, pseudonym: str) -> None:
     """Delete a participant's recordings, rows and name, all backups of the database, and the study's analysis.
 
-    A tombstone stores the participant's number, which is never used again. After a crash, a second call completes the
-    deletion.
+    A tombstone stores the participant's number. The number is never used again. After a crash, a second call completes
+    the deletion.
 
     Raises:
         StudyError: for an unknown participant, or during an open session.

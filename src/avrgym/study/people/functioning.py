@@ -18,7 +18,7 @@ class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> None:
-    """Store a participant's answers, which replace earlier answers.
+    """Store a participant's answers. They replace earlier answers.
 
     Raises:
         StudyError: if the design has no questions about functioning, before consent, for a simulated participant, or

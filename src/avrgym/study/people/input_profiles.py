@@ -22,7 +22,7 @@ def parse_profile(values: Mapping[str, Any]) -> InputProfile:
 def set_input_profile(
     store: Store, pseudonym: str, profile: InputProfile, session: int | None = None
 ) -> None:
-    """Store a participant's input profile, which replaces the earlier one. ``session``: the running session."""
+    """Store a participant's input profile. It replaces the earlier one. ``session``: the id of the running session."""
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         values = msgspec.to_builtins(profile)

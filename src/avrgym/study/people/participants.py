@@ -61,8 +61,8 @@ def enrol(
 
     Raises:
         PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
-        StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or
-            an invalid name, contact or site.
+        StudyError: for an unknown body model or language, an impossible age, or an invalid name, contact or site. Also
+            for a simulated participant with a name or contact.
         KeyUnavailable: if a name or contact is given, and the key of the identity file is missing.
     """
     if sex not in SEXES:
@@ -316,7 +316,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """Returns the next participant number, which no identity file, participation list or recording contains."""
+    """Returns the next participant number. It is not in the identity file, participation list or recordings."""
     taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)

@@ -60,7 +60,7 @@ def due(store: Store, day: date) -> list[ScheduledDeletion]:
 
 
 def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
-    """Yields a message for each kind of data with a due deletion, and one if the end date of the study is missing."""
+    """Yields a message for each kind of data that must be deleted, and a message if the study's end date is missing."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
@@ -73,7 +73,7 @@ def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
 
 
 def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
-    """Delete all data whose deletion is due on ``day``. Yields kind of data and pseudonym after each deletion.
+    """Delete all data that are due on ``day``. Yields kind of data and pseudonym after each deletion.
 
     ``delete_participant`` deletes data of the kind ``DATA``. After a crash, a second call completes the deletions.
 

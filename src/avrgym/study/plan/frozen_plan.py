@@ -1,8 +1,9 @@
 """Freeze the plan of a study before the first participant, and prove its date.
 
 ``plan-frozen.json`` contains plan, design and texts with all checksums and versions. The database contains an event
-with the file's SHA-256. The plan is confirmatory in two cases: this event is before the first session and the
-database was not rebuilt, or a trusted time stamp is older than all recordings. Otherwise, all results are exploratory.
+with the file's SHA-256. The plan is confirmatory in two cases. First: this event is before the first session, and the
+database was not rebuilt. Second: a trusted time stamp is older than all recordings. Otherwise, all results are
+exploratory.
 """
 
 import hashlib
