@@ -146,7 +146,7 @@ def test_actions_that_cannot_be_are_refused_and_nothing_has_moved(changes, said)
     before = env.episodes.simulation.integration_state()
     with pytest.raises(ValueError, match=said):
         env.step({ROBOT: np.zeros(7), HUMAN: np.zeros(6)} | changes)
-    with pytest.raises(ValueError, match="received actions for nobody"):
+    with pytest.raises(ValueError, match="received actions for no agent"):
         env.step({})
     assert_array_equal(env.episodes.simulation.integration_state(), before)
 

@@ -22,16 +22,18 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 
 RUNS = 5
+"""Number of repeated measurements of an environment."""
 
 
 @dataclass(frozen=True)
 class SimulationSpeed:
-    """Medians over runs of whole episodes with random actions and static people.
+    """Speed of an environment: medians over runs of whole episodes with random actions and static people.
 
-    ``steps_per_second``: speed of control steps of 0.1 s, including resets, observations and rewards.
-    ``physics_steps_per_second``: speed of physics steps of 10 ms alone, with the same models, initial states and
-    commands. ``ratio``: duration of physics alone divided by the duration of whole episodes. If the engine uses a
-    device, control steps run on the device, as in training.
+    ``steps_per_second``: number of control steps (0.1 s) per second, with resets, observations and rewards.
+    ``reset_ms_per_env``: duration of a reset, divided by the number of worlds. ``physics_steps_per_second``: number of
+    physics steps (10 ms) per second without any other computation, with the same models, initial states and commands.
+    ``ratio``: duration of these physics steps divided by the duration of whole episodes. If the engine uses a device,
+    control steps run on the device, as in training.
     """
 
     env: str
@@ -55,7 +57,7 @@ class _Run:
 def measure_simulation(
     environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
-    """Measure an environment ``RUNS`` times. Returns medians. ``progress`` is called after each run.
+    """Measures the speed of an environment ``RUNS`` times. Returns medians. ``progress`` is called after each run.
 
     Raises:
         ValueError: for an unknown environment or engine, or fewer than one world.
@@ -86,13 +88,14 @@ def measure_simulation(
 
 
 CAMERA_SIZES_PX = ((64, 64), (128, 128), (640, 480))
+"""Width and height of the measured images."""
 FRAMES = 10
 """Number of images of one kind and size in a measurement."""
 
 
 @dataclass(frozen=True)
 class CameraSpeed:
-    """Images per second of one camera, kind and size (width × height in pixels), in one world, without physics."""
+    """Number of images per second of one camera, kind (such as depth) and size (width × height), without physics."""
 
     env: str
     camera: str
@@ -104,7 +107,9 @@ class CameraSpeed:
 def measure_cameras(
     environment_id: str, progress: Callable[[], None] = lambda: None, frames: int = FRAMES
 ) -> list[CameraSpeed]:
-    """Measure each kind and size of images of the wrist camera. ``progress`` is called after each kind and size.
+    """Measures the image rate of the wrist camera. Returns one row for each kind and size of images.
+
+    ``progress`` is called after each kind and size.
 
     Raises:
         ValueError: for an unknown environment.
@@ -127,7 +132,7 @@ def measure_cameras(
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
-    """Run ``steps`` control steps of all worlds with all computations, then with physics alone. Returns the
+    """Runs ``steps`` control steps of all worlds with all computations, then with physics alone. Returns the
     durations."""
     engine = episodes.simulation.engine
     drawn = random_streams.benchmark_action_generator(seed).uniform(
@@ -161,7 +166,7 @@ def _reset(episodes: Episodes, seed: int) -> None:
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:
-    """Repeat control steps with these commands, without observations and rewards. Returns the duration in seconds."""
+    """Repeats control steps with these commands, without observations and rewards. Returns the duration in seconds."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command

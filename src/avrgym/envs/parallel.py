@@ -1,6 +1,6 @@
 """Robot and human as two agents: PettingZoo's parallel environment of one world. Needs the extra ``pettingzoo``."""
 
-# PettingZoo's functions: their types are known only in part.
+# The types of PettingZoo's functions are known only in part.
 # pyright: reportUnknownMemberType=false, reportMissingTypeStubs=false
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     """One world with two agents. The robot's observations, rewards and infos are the same as with ``gym.make``.
 
     The human's action (K,) contains a number in [−1, 1] for each of ``joints``: the joint's speed divided by the speed
-    of unhurried people. With the zero action the human does not move.
+    of unhurried people. With the zero action, the human does not move.
     """
 
     metadata: dict[str, Any]
@@ -50,11 +50,11 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         max_episode_steps: int = EPISODE_STEPS,
         **settings: Any,
     ) -> None:
-        """``Episodes`` documents people, person, impairment and force guard, ``Settings`` the other keyword arguments.
+        """Create one world. ``Episodes`` documents people, person, impairment and force guard.
 
-        The human's actions replace the movements of the population. ``person`` may be a mapping with the fields of
-        ``Person``. Without a shared reward, the human's reward contains the penalty for the human's action instead of
-        that for the robot's action.
+        ``Settings`` documents the other keyword arguments. The human's actions replace the movements of the population.
+        ``person`` may be a mapping with the fields of ``Person``. Without ``shared_reward``, the human's reward
+        contains the penalty for the human's action, not the penalty for the robot's action.
 
         Raises:
             ValueError: for an unknown name. The message lists the allowed names.
@@ -96,8 +96,10 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     def reset(
         self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
-        """Start an episode. Returns observations and infos by agent. A seed gives the same episode as with
-        ``gym.make``. Without a seed, the random stream continues."""
+        """Start an episode. Returns observations and infos by agent.
+
+        A seed results in the same episode as with ``gym.make``. Without a seed, the random stream continues.
+        """
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(python_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
@@ -115,9 +117,9 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Take one control step. Returns observations, rewards, terminations, truncations and infos by agent.
+        """Perform one control step. Returns observations, rewards, terminations, truncations and infos by agent.
 
-        For both agents the episode is truncated after ``max_episode_steps``. After an error, nothing has changed.
+        For both agents, the episode is truncated after ``max_episode_steps``. An error changes nothing.
 
         Raises:
             ValueError: for a missing action, a wrong shape, or numbers that are not finite.
@@ -147,10 +149,9 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         return {ROBOT: step.observation[0], HUMAN: self.episodes.human_observation()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
-        """Returns the actions of robot and human as floating-point arrays. Raises ``ValueError`` for invalid
-        actions."""
+        """Returns the actions of robot and human as arrays of floats. Raises ``ValueError`` for invalid actions."""
         if set(actions) != set(self.possible_agents):
-            found = ", ".join(actions) or "nobody"
+            found = ", ".join(actions) or "no agent"
             raise ValueError(
                 f"received actions for {found}; allowed: one action for each agent: {', '.join(self.possible_agents)}"
             )

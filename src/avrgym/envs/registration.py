@@ -1,9 +1,9 @@
-"""Registers the Gymnasium environments, each as an environment of one world and as a native vector environment.
+"""Registers the Gymnasium environments, each as an environment of one world and as a vector environment.
 
-Modules of environments are imported when the first environment is created.
+Their modules are imported when the first environment is created.
 """
 
-# Gymnasium's functions: their types are known only in part.
+# The types of Gymnasium's functions are known only in part.
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS
 
 
 def register() -> None:
-    """Register an environment for every task with every robot."""
+    """Register one Gymnasium environment for each pair of task and robot."""
     for environment_id in _environment_ids():
         gym.register(
             environment_id,

@@ -14,15 +14,16 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
 HEIGHT_PX, WIDTH_PX = 480, 640
+"""Default height and width of images."""
 SHADOW_PX = 2048
-"""Size of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. Without a graphics card, rendering
-takes a quarter less time."""
+"""Size of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. It reduces the rendering time
+without a graphics card by a quarter."""
 EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
 """Name of the camera at the person's eyes, and its vertical field of view: that of a Quest 3."""
 
 
 class Camera:
-    """A camera in one world, for one episode."""
+    """Renders images of one world during one episode."""
 
     def __init__(
         self,
@@ -33,8 +34,9 @@ class Camera:
         height_px: int = HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
-        """Build the scene of the current episode with its appearance. The view is from the side, or with
-        ``first_person`` through the person's eyes.
+        """Build the scene of the current episode with its appearance.
+
+        The view is from the side, or with ``first_person`` from the person's eyes.
 
         Raises:
             RuntimeError: if rendering fails. The message contains a setting that may help.
@@ -85,7 +87,7 @@ class Camera:
 
 
 class Renderer:
-    """Base class of environments of one world that render images. Each episode has a new camera."""
+    """Base class of environments of one world that render images. Each episode uses a new camera."""
 
     episodes: Episodes
     render_mode: str | None

@@ -23,18 +23,19 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
 MJB, MJCF, START, USD = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
+"""Names of the written files."""
 EPISODE_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
 """Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
 START_KEY = "start"
+"""Name of the keyframe with the initial state."""
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
-    """Write the scene of the first world, at the start of its episode, into a new folder: MJB, MJCF with textures, and
-    JSON.
+    """Write the scene of the first world at the start of its episode into a new folder.
 
-    The MJB file reproduces the simulation bit for bit but contains no appearance. The MJCF file contains dynamics and
-    appearance, with six significant digits. In MJCF the person is less compliant, because MJCF cannot store the
-    person's higher ``body_invweight0``.
+    The files are ``MJB``, ``MJCF`` with textures, and ``START`` (JSON). The MJB file reproduces the simulation bit for
+    bit but contains no appearance. The MJCF file contains dynamics and appearance, with six significant digits. In MJCF
+    the person is less compliant, because MJCF cannot store the person's higher ``body_invweight0``.
 
     Raises:
         FileExistsError: if the folder exists.
@@ -59,14 +60,14 @@ def write_scene(episodes: Episodes, out: Path) -> None:
 def check_new_folder(out: Path) -> None:
     """Raises ``FileExistsError`` if the folder exists."""
     if out.exists():
-        raise FileExistsError(f"{out} already exists; choose a new folder")
+        raise FileExistsError(f"folder {out} already exists; choose a new folder")
 
 
 def write_usd(episodes: Episodes, file: Path) -> None:
     """Write the current appearance of the first world as USD. The person's skin becomes a static mesh.
 
     Raises:
-        ModuleNotFoundError: without usd-core.
+        ModuleNotFoundError: if the package usd-core is not installed.
     """
     exporters: Any = import_module("mujoco.usd.exporter")
     usd_geom: Any = import_module("pxr.UsdGeom")

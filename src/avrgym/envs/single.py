@@ -30,10 +30,11 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import as_settings
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
+"""Gymnasium's metadata of environments at the default control rate."""
 
 
 def metadata_of(episodes: Episodes) -> dict[str, Any]:
-    """Returns Gymnasium's metadata of an environment, with its control rate."""
+    """Returns Gymnasium's metadata of an environment, with its control rate as ``render_fps``."""
     return {**METADATA, "render_fps": episodes.settings.control_hz}
 
 
@@ -57,9 +58,9 @@ def spaces_of(
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     SerializableSpec, Renderer, gym.Env[AnyObservation, Float32Array]
 ):
-    """One world.
+    """Gymnasium environment of one world.
 
-    ``info`` contains ``success`` (whether the episode has succeeded until now), ``reward_terms`` (unweighted)
+    ``info`` contains ``success`` (whether the task has succeeded in this episode), ``reward_terms`` (unweighted)
     and ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``,
     the number of interventions in the episode. If the force guard or the withdrawal replaced the action,
     ``executed_action`` (A,) is the action at the end of the step.
@@ -81,11 +82,11 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
-        """``Episodes`` documents people, person, impairment, withdrawal and force guard, ``Settings`` the other keyword
-        arguments.
+        """Create one world. ``Episodes`` documents people, person, impairment, withdrawal and force guard.
 
-        ``person`` may be a mapping with the fields of ``Person``. Episodes with ``max_episode_steps`` −1 never end.
-        With ``cameras`` (names or ``CameraSpec``), observations are dictionaries.
+        ``Settings`` documents the other keyword arguments. ``person`` may be a mapping with the fields of ``Person``.
+        Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``), observations are
+        dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.
@@ -122,13 +123,13 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(start), info_of(start)
 
     def step(self, action: Float32Array) -> tuple[AnyObservation, float, bool, bool, dict[str, Any]]:
-        """Take one control step. Returns observation, reward, terminated, truncated and info.
+        """Perform one control step. Returns observation, reward, terminated, truncated and info.
 
-        The episode is truncated after ``max_episode_steps`` and never terminates. After an error, nothing has changed.
+        The episode is truncated after ``max_episode_steps`` and never terminates. An error changes nothing.
 
         Raises:
             ValueError: for an action of another shape than (A,), or with numbers that are not finite.
-                gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
+            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode.
         """
         if not self._steps_left:
             raise ResetNeeded(

@@ -1,4 +1,4 @@
-"""Serializable specs of environments: Gymnasium creates the same environment from plain data."""
+"""Serializable specs of environments. Gymnasium can create the same environment from the spec's JSON."""
 
 import copy
 from dataclasses import asdict
@@ -15,7 +15,7 @@ from avrgym.system.type_guards import is_array, is_table
 
 
 class SerializableSpec:
-    """Base class of environments. Keyword arguments in ``spec`` are plain data; ``spec.to_json()`` therefore works."""
+    """Base class of environments with a ``spec`` of JSON types. Its method ``to_json()`` therefore works."""
 
     _spec: EnvSpec | None = None
 
@@ -35,7 +35,7 @@ class SerializableSpec:
 
 
 def plain_data(value: Any) -> Any:
-    """Returns a value as plain data for JSON. A person or a camera becomes a dictionary of fields."""
+    """Returns a value as JSON types. A person or a camera becomes a dictionary of its fields."""
     if isinstance(value, Person):
         return plain_data(asdict(value))
     if isinstance(value, msgspec.Struct):

@@ -68,7 +68,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[AnyCamera] = (),
         **settings: Any,
     ) -> None:
-        """``Episodes`` documents people, person, impairment, threads, engine, withdrawal and force guard.
+        """Create N worlds. ``Episodes`` documents people, person, impairment, threads, engine, withdrawal, force guard.
 
         ``Settings`` documents the other keyword arguments. ``person`` may be a mapping with the fields of ``Person``.
         Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``), observations are
@@ -102,7 +102,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._cameras = as_cameras(cameras, self.episodes.scene.robot)
         if self._cameras and engine != THREADS:
             raise ValueError(
-                f"camera images are rendered on the host, not with engine {engine!r}; allowed: {THREADS!r}"
+                f"engine {engine!r} does not support cameras, because images are rendered on the host; allowed engine: "
+                f"{THREADS!r}"
             )
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes, self._cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -144,7 +145,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         world_mask = reset_mask(options, self.num_envs)
         if self._now is None and not world_mask.all():
             raise ResetNeeded(
-                "reset_mask of the first reset does not include all worlds; call reset() without it"
+                "reset_mask of the first reset does not include all worlds; call reset() without reset_mask"
             )
         self._random.reseed(seed, world_mask)
         self._ended = self._ended & ~world_mask
@@ -154,13 +155,14 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def step(
         self, actions: Float32Array
     ) -> tuple[AnyObservation, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Take one control step in all worlds. Returns observations, rewards, terminations, truncations and infos.
-        After an error, nothing has changed.
+        """Perform one control step in all worlds. Returns observations, rewards, terminations, truncations and infos.
+
+        An error changes nothing.
 
         Raises:
             ValueError: for actions of another shape than (N, A), or with numbers that are not finite.
-                gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode without
-                automatic reset.
+            gymnasium.error.ResetNeeded: before the first reset, and after the end of an episode without automatic
+                reset.
         """
         self._check_running()
         same_step, ended = self.autoreset_mode is AutoresetMode.SAME_STEP, self._ended
@@ -198,7 +200,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             raise ResetNeeded("no episode is running; call reset() first")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
-                f"the episodes of worlds {np.nonzero(self._ended)[0].tolist()} have ended: "
+                f"the episodes of worlds {np.nonzero(self._ended)[0].tolist()} have ended; "
                 'call reset(options={"reset_mask": mask}) to start new ones'
             )
 
@@ -217,8 +219,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns the attribute ``name`` of each world. If the attribute is a method, it is called, and its result
-        returned."""
+        """Returns the attribute ``name`` of each world. If it is a method, calls it with the arguments and returns its
+        result."""
         found = [getattr(world, name) for world in self._worlds]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
@@ -235,7 +237,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         each: Sequence[Any] = values if is_array(values) else [values] * self.num_envs
         if len(each) != self.num_envs:
             raise ValueError(
-                f"{len(each)} values for {self.num_envs} worlds; allowed: one for each, or one for all"
+                f"{len(each)} values for {self.num_envs} worlds; allowed: one value for each world, or one for all"
             )
         for world, value in zip(self._worlds, each, strict=True):
             setattr(world, name, value)

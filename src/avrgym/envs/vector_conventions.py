@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
 
 Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
+"""One seed for all worlds, one for each world, or none."""
 
 
 class RandomStreams:
@@ -66,7 +67,7 @@ def check_count(name: str, count: object) -> None:
 
 
 def check_length(steps: object) -> None:
-    """Raises ``ValueError`` for an invalid number of steps of an episode."""
+    """Raises ``ValueError`` if ``steps`` is not a valid maximum number of steps of an episode."""
     if steps != NO_TIME_LIMIT:
         check_count("max_episode_steps", steps)
 
@@ -94,7 +95,7 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
 
 
 def merge_steps(world_mask: BoolArray, some: Step, others: Step) -> Step:
-    """Combine two steps: ``some`` in the worlds of the mask ``world_mask`` (N,), ``others`` in all other worlds."""
+    """Returns a combination of two steps: ``some`` in the worlds of the mask ``world_mask`` (N,), else ``others``."""
     terms = {
         name: _where(world_mask, term, others.reward_terms[name]) for name, term in some.reward_terms.items()
     }
@@ -111,8 +112,10 @@ def _where(world_mask: BoolArray, some: NumpyArray, others: NumpyArray) -> Numpy
 
 
 def infos(step: Step, of: BoolArray) -> dict[str, Any]:
-    """Returns the infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0. Each key has a mask
-    ``_key``."""
+    """Returns Gymnasium's infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0.
+
+    For each key there is a mask ``_key`` (N,) of the worlds with a value.
+    """
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
     found: dict[str, Any] = {
         "success": step.success & of,
@@ -142,7 +145,7 @@ def _masked(values: Mapping[str, Any], of: BoolArray) -> dict[str, Any]:
 
 
 class World:
-    """One world of a vector environment, with the attributes of Gymnasium's environments."""
+    """One world of a vector environment, with the attributes of a single Gymnasium environment."""
 
     metadata: Mapping[str, Any]
 

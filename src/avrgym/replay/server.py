@@ -27,7 +27,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
         if tokens.bearer(request.headers) is None:
             raise HTTPException(
                 401,
-                "the address of this page does not contain the replay's token; open the address that `avrgym replay` printed",
+                "this address does not contain the replay's token; open the address from `avrgym replay`",
             )
 
     @app.get("/timeline")
