@@ -1,6 +1,6 @@
-"""A simulated participant in headless Chromium, with an emulated headset on the client's page.
+"""A simulated participant with an emulated headset, on the client's page in headless Chromium.
 
-It tests the logic of client, protocol and session, not the comfort or latency of a headset.
+This tests the logic of client, protocol and session. It does not test the comfort or latency of a headset.
 """
 
 import shutil
@@ -15,6 +15,7 @@ from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.session import Session
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+"""Names of Chromium's executable, in order of preference."""
 CHROMIUM_FLAGS = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -28,27 +29,29 @@ CHROMIUM_FLAGS = (
     "--disable-sync",
 )
 FRAME_S = 1.0 / 72.0
+"""Interval at which the simulated participant sets poses."""
 _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
-"""Script that hides or shows the controls over the picture. The page's security policy forbids style sheets of
+"""Script that hides or shows the controls over the view. The page's security policy forbids style sheets of
 Playwright."""
 TIMEOUT_S = 60.0
+"""Timeout of requests to the page."""
 PHASE_LIMIT_S = 600.0
-"""Maximum duration of a phase, also on a slow computer."""
+"""Maximum duration of a session's phase, sufficient for a slow computer."""
 
 
 class BrowserMissingError(RuntimeError):
-    """No browser is available; the message contains what is missing."""
+    """Raised if Playwright or Chromium is missing. The message contains the command that installs it."""
 
 
 def find_chromium() -> str | None:
-    """Returns the path of the installed Chromium; ``None`` if there is none, and Playwright's Chromium is used."""
+    """Returns the path of the installed Chromium, else ``None``. Without one, Playwright uses its own Chromium."""
     return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
 
 
 class EmulatedHeadset:
-    """The client's page in headless Chromium. Python sets the poses of headset and controllers."""
+    """The client's page in headless Chromium. This class sets the poses of headset and controllers."""
 
     def __init__(
         self, url: str, width: int = 640, height: int = 360, query: str = "", script: str = ""
@@ -56,12 +59,11 @@ class EmulatedHeadset:
         """Open the page in a window that is small enough for a software renderer.
 
         Args:
-            url: the participant's address.
-            width: width of the pictures of both eyes together, pixels.
-            height: height of the pictures, pixels.
-            query: further parameters: ``&detail=full`` draws in full quality, ``&headset=vive`` emulates the inputs
+            url: the participant's address. width: width of the view of both eyes together, pixels. height: height of
+            the view, pixels. query: further parameters of the URL: ``&detail=full`` draws in full quality,
+            ``&headset=vive`` emulates the inputs
                 of that headset (names are in the client's ``emulated-devices.ts``).
-            script: runs before the scripts of the page.
+            script: JavaScript that runs before the scripts of the page.
 
         Raises:
             BrowserMissingError: if Playwright or Chromium is missing.
@@ -98,7 +100,7 @@ class EmulatedHeadset:
         self._playwright.stop()
 
     def call(self, function: str, *arguments: Any) -> Any:
-        """Call a JavaScript function of the page's emulator, and return its result."""
+        """Calls a JavaScript function of the page's emulator. Returns its result."""
         return self.page.evaluate(
             "([name, rest]) => window.avrgymEmulator[name](...rest)", [function, list(arguments)]
         )
@@ -109,7 +111,7 @@ class EmulatedHeadset:
         self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
-        """Set the poses of headset and controllers. Without ``right`` the right controller does not move."""
+        """Set the poses of headset and controllers. Without ``right``, the right controller does not move."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
         self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
 
@@ -132,7 +134,7 @@ class EmulatedHeadset:
             self.wait_for_frames(2)
 
     def begin_stop(self, method: str) -> None:
-        """Begin an emergency stop with this stop method, and keep its input active."""
+        """Begin an emergency stop with this stop method. Its input stays active."""
         match method:
             case "button":
                 self.call("holdMenu", "left", True)
@@ -156,9 +158,10 @@ class EmulatedHeadset:
         )
 
     def answer(self, value: int, hand: str | None = None) -> None:
-        """Point at the button of a value and select it with a controller, by default the pointer of this headset.
+        """Point at the answer button of a value and select it.
 
-        The pointer comes from beside the panel: a pointer that rests on a button does not select it.
+        ``hand``: the controller that points; by default, the pointer of this headset. The pointer first points next to
+        the panel, because a pointer that rests on a button does not select it.
         """
         x, y, z = self._centre_of(value)
         for point in ((x, y + 3.0, z), (x, y, z)):
@@ -177,14 +180,14 @@ class EmulatedHeadset:
         return next(tuple(button["centre"]) for button in self.call("buttons") if button["value"] == value)
 
     def look_at_button(self, value: int) -> None:
-        """Turn the head away from the panel, then look at the button of a value."""
+        """Turn the head away from the panel, then look at the answer button of a value."""
         x, y, z = self._centre_of(value)
         for point in ((x, y + 3.0, z), (x, y, z)):
             self.call("lookAt", point)
             self.wait_for_frames(3)
 
     def screenshot(self, path: Path) -> Path:
-        """Save the participant's view, both eyes. Returns the path."""
+        """Saves the participant's view of both eyes as an image. Returns its path."""
         self.page.evaluate(_SHOW_CONTROLS, "hidden")
         self.page.screenshot(path=path)
         self.page.evaluate(_SHOW_CONTROLS, "")
@@ -194,14 +197,14 @@ class EmulatedHeadset:
 BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
 """Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
 PICTURE_DELAY_S = {"trial": 4.0}
-"""By phase: delay after its start at which a demonstration takes a picture of the participant's view."""
+"""Delay from the start of a phase to the screenshot of the participant's view, by phase."""
 
 
 class BrowserClient:
     """A simulated participant who takes part in a session in the browser.
 
-    They enter VR, hold still during calibration, press the trigger, move during trials, and answer the questionnaire by
-    pointing.
+    The participant enters VR, holds still during calibration, presses the trigger, moves during trials, and answers the
+    questionnaire by pointing.
     """
 
     def __init__(
@@ -213,9 +216,15 @@ class BrowserClient:
         log: Callable[[str], None],
         picture_delay_s: Mapping[str, float] = PICTURE_DELAY_S,
     ) -> None:
-        """``pictures`` is the folder for pictures of the participant's view; ``log`` is called with each phase.
+        """Create a client.
 
-        ``picture_delay_s``: by phase, the delay after its start at which a picture is taken.
+        Args:
+            headset: the emulated headset.
+            session: the session in which the participant takes part.
+            participant: the simulated participant.
+            pictures: folder for screenshots of the participant's view.
+            log: called with a description of each phase.
+            picture_delay_s: delay from the start of a phase to its screenshot, by phase.
         """
         self.taken: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
@@ -225,7 +234,7 @@ class BrowserClient:
         self._asked = ""
 
     def run(self) -> list[Path]:
-        """Take part until the session is finished. Returns the paths of the pictures.
+        """Takes part until the session is finished. Returns the paths of the screenshots.
 
         Raises:
             TimeoutError: if the session stays in one phase for ten minutes.
@@ -281,7 +290,7 @@ class BrowserClient:
 
     @property
     def _picture(self) -> Path:
-        """The path for the picture of the phase."""
+        """The path for the screenshot of the current phase."""
         name, trial = self._phase
         return self._folder / f"trial-{trial:02}-{name}.png"
 

@@ -1,4 +1,4 @@
-"""A simulated participant in the same process as the session: no browser, no network, simulated time."""
+"""A simulated participant in the same process as the session, without browser and network, in simulated time."""
 
 from collections.abc import Callable
 
@@ -8,17 +8,19 @@ from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
 CALIBRATION_S = 1.5
-"""Time for which a participant holds still before pressing the trigger for calibration."""
+"""Time for which a simulated participant holds still before it presses the trigger."""
 ANSWER_DELAY_S = 1.5
+"""Time from the appearance of a question to the answer."""
 MAX_START_ATTEMPTS = 4
 """Maximum number of attempts to start a trial."""
 TRACKING_INTERVAL_TICKS = 2
+"""Interval at which a simulated participant sends tracking frames."""
 STATE_INTERVAL_TICKS = 2
-"""Interval at which participants of dry runs receive a state. Another interval changes the results of a seed."""
+"""Interval at which a simulated participant receives a state. A change of it changes the results of each seed."""
 
 
 class InProcessClient:
-    """A client that connects a simulated participant directly to a session, in simulated time."""
+    """Connects a simulated participant directly to a session, in simulated time."""
 
     def __init__(self, participant: SimulatedParticipant, log: Callable[[str], None]) -> None:
         self._participant, self._log = participant, log
@@ -49,7 +51,7 @@ class InProcessClient:
         """Take part in the session until it is finished.
 
         Raises:
-            RuntimeError: if a trial does not start. The message contains the session's last problem.
+            RuntimeError: if a trial does not start. The message contains the problem that the session reported last.
         """
         session.receive(messages.Entered(), self._now_s)
         tick = 0

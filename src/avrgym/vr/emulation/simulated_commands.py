@@ -1,4 +1,4 @@
-"""Commands of simulated participants to the robot, with delays, misses and false commands."""
+"""Commands of simulated participants to the robot, with delays, missed commands and unintended commands."""
 
 from dataclasses import dataclass
 
@@ -10,19 +10,20 @@ from avrgym.system import random_streams
 from avrgym.vr.protocol import messages
 
 CONTINUOUS_SOURCES: tuple[Source, ...] = ("gaze",)
-"""Sources that need no action: the participant's usual motion gives these commands."""
+"""Input sources that detect a command in the participant's usual motion. They need no deliberate action."""
 GESTURE_HZ, GESTURE_CYCLES, GESTURE_DEG = 1.8, 2, 12.0
-"""A nod or shake of a simulated participant: frequency, number of cycles, and swing. The values are assumptions."""
+"""A nod or shake of a simulated participant: frequency, number of cycles, and range of motion (assumptions)."""
 GESTURE_S = GESTURE_CYCLES / GESTURE_HZ
+"""Duration of a nod or shake."""
 
 
 @dataclass(frozen=True)
 class CommandTraits:
     """How a participant gives commands. The ranges are assumptions.
 
-    ``delay_s``: time from an occasion until the command. ``miss``: probability that a command does not arrive.
-    ``false_per_min``: commands that the participant did not intend. ``comfortable_speed``: speed factor at which the
-    participant asks for no change.
+    ``delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss``: probability that a command
+    is not detected. ``false_per_min``: number of unintended commands per minute. ``comfortable_speed``: speed factor
+    at which the participant commands no change of speed.
     """
 
     delay_s: float = 1.0
@@ -32,7 +33,7 @@ class CommandTraits:
 
 
 def draw_command_traits(seed: int) -> CommandTraits:
-    """Returns the traits of a participant with this seed."""
+    """Returns random command traits of a participant, from a seed."""
     random = random_streams.participant_command_generator(seed, 0)
     return CommandTraits(
         delay_s=float(random.uniform(0.6, 2.5)),
@@ -43,10 +44,10 @@ def draw_command_traits(seed: int) -> CommandTraits:
 
 
 class SimulatedCommands:
-    """Gives commands in the trials of a simulated participant.
+    """Generates the commands of a simulated participant in trials.
 
-    The participant says ``ready`` when the robot waits, asks for another speed once per wait until the speed is
-    comfortable, and sometimes gives a command that they did not intend, except ``stop``.
+    The participant commands ``ready`` when the robot waits. Once per wait, the participant commands ``slower`` or
+    ``faster`` if the speed is not comfortable. Sometimes there is an unintended command, but never ``stop``.
     """
 
     def __init__(self, traits: CommandTraits, seed: int) -> None:
@@ -58,7 +59,7 @@ class SimulatedCommands:
         self._next_false_s = np.inf
 
     def watch(self, offered: messages.RobotCommands, now_s: float) -> None:
-        """Handle a change of the possible commands or of what the robot does."""
+        """Handle a message with the allowed commands and the robot's mode."""
         before, self._offered = self._offered, offered if offered.commands else None
         if self._offered is None:
             self._planned, self._next_false_s = [], np.inf
@@ -69,7 +70,7 @@ class SimulatedCommands:
             self._planned = [] if offered.mode != "waiting" else self._on_waiting(offered, now_s)
 
     def due(self, now_s: float) -> tuple[CommandName, Source] | None:
-        """Returns a command that the participant gives now, and its source; ``None`` without one."""
+        """Returns the participant's command at this time and its input source, or ``None``."""
         if self._offered is None:
             return None
         if now_s >= self._next_false_s:
@@ -95,7 +96,7 @@ class SimulatedCommands:
         return planned
 
     def _given(self, command: CommandName) -> tuple[CommandName, Source] | None:
-        """Returns the command with the first allowed source that can give it."""
+        """Returns the command with the first allowed input source that supports it, or ``None``."""
         assert self._offered is not None
         for source in self._offered.sources:
             if source not in CONTINUOUS_SOURCES and command in commands_of(source):
@@ -103,14 +104,14 @@ class SimulatedCommands:
         return None
 
     def _interval_s(self) -> float:
-        """Returns the time until the next command that is not intended."""
+        """Returns a random time until the next unintended command."""
         rate = self._traits.false_per_min
         interval_s = float(self._random.exponential())
         return 60.0 * interval_s / rate if rate else np.inf
 
 
 def gesture_angles(source: Source, time_s: float) -> tuple[float, float]:
-    """Returns the pitch and yaw of the head in a gesture, this time after its start."""
+    """Returns pitch and yaw of the head in radians, ``time_s`` after the start of a gesture."""
     if not 0.0 <= time_s <= GESTURE_S:
         return 0.0, 0.0
     swing, phase = float(np.radians(GESTURE_DEG)), 2.0 * np.pi * GESTURE_HZ * time_s

@@ -1,8 +1,8 @@
-"""Simulated participants: they send the tracking frames of a headset and answer the questionnaire.
+"""Simulated participants send the tracking frames of a headset and answer the questionnaire.
 
 They sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained policy chooses
-their goals, and ``people.motor`` moves them. Dry runs, demonstrations and tests use them. All their data are marked as
-simulated.
+the goals of their motion. The motor model ``people.motor`` executes it. Dry runs, demonstrations and tests use them.
+All their data are marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,18 +43,20 @@ from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset
 from avrgym.vr.session.attempt import AttemptResults
 
 PARTICIPANTS = DISTRIBUTIONS["participants"]
+"""The distribution of the paper's participants."""
 SENSOR_NOISE_M = 1e-9
-"""Minimum difference between consecutive poses. Real trackers never measure identical poses."""
+"""Minimum difference between consecutive measured positions. Real trackers never measure identical poses."""
 LOOK_AT_ARM_OFFSET_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
     head_x=0.0, head_z=0.0
 )
 """Change of the joint angles (20,) with which a participant looks at the right arm."""
 STILL_AFTER_S = 0.5
-"""Time until sway and tremor of a participant who holds still have stopped."""
+"""Time in which sway and tremor end after a participant begins to hold still."""
 MAX_MOTION_S = 1.0
 """Maximum duration of the motion between two frames."""
 LENIENCY, NOISE = 0.08, 0.1
-"""Standard deviations of ratings as shares of a scale: between participants, and between answers of a participant."""
+"""Standard deviations of ratings, as shares of a scale: between participants, and between answers of one
+participant."""
 
 RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
     "L1": lambda results: 0.9 if results.success else 0.15,
@@ -62,20 +64,32 @@ RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
     "L3": lambda results: 1.0 - results.force_max_n / 60.0,
     "L4": lambda results: 1.0 - abs(results.speed_mean_m_s - 0.1) / 0.3,
 }
-"""Ratings of the paper's statements as shares of a scale: help by success, comfort by mean force and speed, safety by
-the maximum force, speed by the difference to 0.1 m/s. The constants are assumptions."""
+"""Functions that return ratings of the paper's statements, as shares of a scale, by item. Success determines help. Mean
+force and speed determine comfort. The maximum force determines safety, and the difference from 0.1 m/s determines
+speed. The constants are assumptions."""
 
 
 @dataclass(frozen=True)
 class Traits:
     """Body and behaviour of a simulated participant.
 
-    ``sway_deg`` and ``sway_hz``: slow movement of the waist. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
-    the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
-    ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``commands``: how they give commands.
-    ``partner``: behaviour parameters, arrays (1,), which replace the behaviour. ``trained``: a policy, which replaces
-    the behaviour. The other fields are impairments, see ``People``; ``strength_share`` scales the movement.
-    ``signs``: those of a clinical impairment, for one person.
+    Attributes:
+        sex: sex of the body model.
+        torso_height_m: from the hip bone to the centre of the head.
+        sway_deg: amplitude of the slow movement of the waist.
+        sway_hz: frequency of this movement.
+        lean_deg: forward lean at rest.
+        arm_deg: backward offset of the arms.
+        cooperation: share (0 to 1) of the way to the tool that mouth or arm moves.
+        reaction_s: delay of this movement.
+        leniency: offset of all ratings, as a share of the scale.
+        commands: traits of the commands to the robot.
+        partner: parameters, arrays (1,), of a partner that replaces the default behaviour; ``None`` without one.
+        trained: a trained policy that replaces the default behaviour; ``None`` without one.
+        range_share: joint ranges, see ``People``.
+        strength_share: strength, see ``People``; it scales the movement.
+        tremor_rad: amplitude (20,) of the tremor, see ``People``.
+        signs: motor signs of a clinical impairment; ``None`` without one.
     """
 
     sex: Sex
@@ -103,7 +117,7 @@ def draw_traits(
     impairment: Impairment = "none",
     trained: Policy | None = None,
 ) -> Traits:
-    """Returns the traits of a participant, sampled from a distribution (default: the paper's participants).
+    """Returns random traits of a participant from a distribution (default: the paper's participants).
 
     ``trained`` is a policy that controls the participant.
     """
@@ -149,7 +163,7 @@ def _with_body(
 
 @dataclass(frozen=True)
 class _Observation:
-    """The observation of a behaviour model, for one person."""
+    """Inputs of a behaviour model, for one person."""
 
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
@@ -158,13 +172,13 @@ class _Observation:
 
 
 class SimulatedParticipant:
-    """A participant in a room whose origin and direction differ from the simulation's.
+    """A simulated participant. Origin and direction of the room differ from those of the simulation.
 
-    They are seated until ``adopt_posture`` is called.
+    The participant is seated until ``adopt_posture`` is called.
     """
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = DEFAULT_FURNITURE) -> None:
-        """Create a participant. The room's ``furniture`` determines the height of the head."""
+        """Create a participant. ``furniture``: the room's real furniture, which determines the height of the head."""
         random = random_streams.participant_motion_generator(seed)
         self.traits = traits
         self._random = random
@@ -187,10 +201,10 @@ class SimulatedParticipant:
         self._rest(SEATED, SEATED_RAD)
 
     def adopt_posture(self, environment_id: str, settings: Settings = DEFAULTS) -> None:
-        """Sit or lie as in an environment with these settings. Does nothing if the participant already does.
+        """Sit or lie as in an environment with these settings. A second call with the same arguments has no effect.
 
         Raises:
-            ValueError: for an unknown environment. The message lists the ids.
+            ValueError: for an unknown environment. The message lists the allowed ids.
         """
         if (environment_id, settings) == self._environment:
             return
@@ -200,7 +214,7 @@ class SimulatedParticipant:
         self._rest(scene.posture, task.pose.rest_rad)
 
     def watch(self, message: messages.Message) -> None:
-        """Handle a message of the server: the pose of the tool, and the start of a trial."""
+        """Handle a message of the server. It may contain the bodies, the start of a trial, or the tool's pose."""
         if isinstance(message, messages.Scene):
             self._bodies = message.bodies
         elif isinstance(message, messages.Phase) and message.name == "free_before":
@@ -227,7 +241,7 @@ class SimulatedParticipant:
         self._impaired_state = impaired_motion.initial_state(self._rest_rad[None])
 
     def _reset_behaviour(self) -> None:
-        """Reset the behaviour model to its initial state. The participant keeps the present pose."""
+        """Resets the behaviour model to its initial state. The participant's pose does not change."""
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._behaviour_state = partner_behaviour.initial_state(
@@ -242,7 +256,7 @@ class SimulatedParticipant:
         self._next_look_s = -np.inf
 
     def _motor_state(self) -> MotorState:
-        """Returns the motor model at rest."""
+        """Returns the state of the motor model at rest."""
         traits, mind = self.traits, self._behaviour_state
         if isinstance(mind, partner_behaviour.PartnerState):
             return partner_behaviour.motor_state(mind, self._people)
@@ -255,7 +269,7 @@ class SimulatedParticipant:
         )
 
     def _observe_tool(self, state: messages.State) -> None:
-        """Observe the tool ten times a second."""
+        """Observes the tool and chooses the goals of the motion, ten times a second."""
         if state.simulation_time_s < self._next_look_s:
             return
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
@@ -282,7 +296,7 @@ class SimulatedParticipant:
         bodies: Mapping[str, FloatArray],
         marks_w: FloatArray,
     ) -> None:
-        """Apply an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
+        """Applies an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
         feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
         marked = [tool[None, :3] - marks_w[0] for _ in self._view.goals] if len(marks_w) else None
@@ -306,7 +320,7 @@ class SimulatedParticipant:
         self._wanted_rad = self._clip_to_ranges(targets)
 
     def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
-        """Returns the observation, from the poses (7,) of bodies by name."""
+        """Returns the inputs of the behaviour model, from the poses (7,) of bodies by name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
@@ -315,9 +329,10 @@ class SimulatedParticipant:
         return _Observation(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
-        """Returns the tracking frame at a time: at rest, or with sway and reactions (``moving``).
+        """Returns the tracking frame at a time.
 
-        With ``watching`` the participant looks at the arm, if the task is at the arm.
+        With ``moving``, the participant sways and reacts to the robot; otherwise the participant holds still. With
+        ``watching``, the participant looks at the arm if the task needs the right arm.
         """
         if (moving, watching) != (self._moving, self._watching):
             self._moving, self._watching = moving, watching
@@ -335,7 +350,7 @@ class SimulatedParticipant:
         self._gesture = gesture, time_s
 
     def frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
-        """Returns the tracking frame of a pose: joint angles (20,)."""
+        """Returns the tracking frame of a body with joint angles (20,)."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
         mujoco.mj_kinematics(self._model, self._data)
@@ -351,13 +366,14 @@ class SimulatedParticipant:
         )
 
     def answer(self, item: str, points: int, results: AttemptResults) -> int:
-        """Returns a rating, 1 to ``points``, by the item's rule. Items without a rule get ratings around the middle."""
+        """Returns a rating, 1 to ``points``, by the item's rule in ``RATINGS``. Other items get ratings around the
+        middle."""
         wanted = RATINGS[item](results) if item in RATINGS else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
     def _aim(self) -> None:
-        """Set the goal of the motor model: rest, or the joint angles that the participant wants."""
+        """Sets the goal of the motor model: the rest pose, or the joint angles that the behaviour model chooses."""
         traits, mind, startled = self.traits, self._behaviour_state, None
         goal = self._rest_rad[None]
         if self._moving:
@@ -388,7 +404,8 @@ class SimulatedParticipant:
         return self._angles_rad
 
     def _impaired(self, joint_angles_rad: FloatArray, step_s: float) -> FloatArray:
-        """Returns the angles (1, 20) that the participant executes, with the signs of a clinical impairment."""
+        """Returns the joint angles (1, 20) that the participant executes, with the motor signs of a clinical
+        impairment."""
         if self.traits.signs is None:
             return joint_angles_rad
         self._impaired_state, executed = impaired_motion.step(

@@ -1,6 +1,6 @@
-"""Surfaces of each body: triangles with colours, for viewers that cannot render skins.
+"""Surfaces of each body as coloured triangles, for viewers that cannot render skins.
 
-Skins are divided by body: each triangle belongs to the body with the largest weight.
+Skins are divided by body. Each triangle belongs to the body with the largest skinning weight.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class BodySurface:
 
 
 def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
-    """Returns the surfaces of a model by body name. The model must include materials and textures."""
+    """Returns the surfaces of a model, by body name. The model must include materials and textures."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     colours = geom_colours(model)
@@ -69,7 +69,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
 
 
 def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
-    """Divide a skin by body. Returns body names and surfaces, each in the frame of its body."""
+    """Divides a skin by body. Returns body names and surfaces, each in the frame of its body."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
     weights = np.zeros((len(skin.vertices), len(bodies)))

@@ -1,4 +1,4 @@
-"""Export of scenes to GLB files in a separate process, which does not delay the real-time thread."""
+"""Exports scenes to GLB files in a separate process. It does not delay the real-time thread."""
 
 import asyncio
 import multiprocessing
@@ -21,11 +21,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_CACHED_SCENES = 10
-"""Maximum number of cached scenes. Each has about 2 MB."""
+"""Maximum number of cached scenes. A scene needs about 2 MB."""
 
 
 def warm_up() -> None:
-    """A task that does nothing. It makes the process import its modules."""
+    """Does nothing. Before the process runs this first task, it imports its modules."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULTS) -> bytes:
@@ -42,7 +42,7 @@ def model_with_appearance(
 
 
 class SceneExporter:
-    """Exports each scene once and caches it."""
+    """Exports each scene once, and caches its GLB file."""
 
     def __init__(self) -> None:
         self._pool = export_process()
@@ -57,7 +57,7 @@ class SceneExporter:
     def export(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> Future[bytes]:
-        """Start to export the scene with this number, if it is not cached. Returns the future GLB file."""
+        """Starts the export of scene ``number``, unless it is cached. Returns the future of the GLB file."""
         with self._lock:
             if number not in self._scenes:
                 self._scenes[number] = self._submit(export_scene, environment_id, person, settings)
@@ -68,7 +68,8 @@ class SceneExporter:
     async def glb(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
     ) -> bytes:
-        """Returns the GLB file of the scene with this number. After an error, the next request exports it again."""
+        """Waits for the GLB file of scene ``number`` and returns it. After an error, the next request exports it
+        again."""
         scene = self.export(number, environment_id, person, settings)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))
@@ -92,7 +93,7 @@ class SceneExporter:
 
 
 def export_process() -> ProcessPoolExecutor:
-    """Returns a pool of one process, which exits when the current process exits."""
+    """Returns a pool of one process. It exits when the current process exits."""
     return ProcessPoolExecutor(
         1, mp_context=multiprocessing.get_context("spawn"), initializer=exit_with_parent
     )

@@ -1,6 +1,6 @@
 """Triangle meshes of MuJoCo's visual geoms, with normals, simplified for headsets."""
 
-# trimesh is only partly typed.
+# The types of trimesh are known only in part.
 # pyright: reportUnknownMemberType=false
 
 from functools import lru_cache
@@ -14,12 +14,13 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
 
 DETAILED_TRIANGLES = 2000
-"""Meshes with more triangles are simplified to this number plus a sixth of the others."""
+"""Meshes with more triangles are simplified to this number, plus a sixth of the number above it."""
 SIMPLIFICATION_AGGRESSION = 3
-"""Aggression of the simplification, 0 to 10. The default of 7 loses small parts."""
+"""Aggression of the simplification, 0 to 10. The default of 7 removes small parts."""
 WELD_DIGITS = 5
 """Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
+"""Edges between faces at a smaller angle are shaded smoothly."""
 _simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 
 
@@ -58,7 +59,9 @@ def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
         return ball.apply_scale(size[0])
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
         return ball.apply_scale(size)
-    raise ValueError(f"geom type {kind.name}; allowed: box, cylinder, capsule, sphere, ellipsoid, mesh")
+    raise ValueError(
+        f"geom type {kind.name} cannot be exported; allowed: box, cylinder, capsule, sphere, ellipsoid, mesh"
+    )
 
 
 def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
@@ -73,7 +76,7 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Returns the surface with fewer triangles, smooth normals and sharp edges."""
+    """Returns the mesh with fewer triangles, smooth normals and sharp edges."""
     full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DIGITS)
     full.update_faces(full.nondegenerate_faces())
     count = len(full.faces)

@@ -1,4 +1,4 @@
-"""Writes GLB files: the parts of glTF 2.0 that ``scene_export`` needs, with ``KHR_mesh_quantization``."""
+"""Writes GLB files with the features of glTF 2.0 that ``scene_export`` needs, and ``KHR_mesh_quantization``."""
 
 import json
 import struct
@@ -16,20 +16,20 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class GlbWriter:
-    """Builds a glTF document; every ``add_…`` returns the index of the added element."""
+    """Builds a glTF document. The methods ``add`` and ``add_…`` return the index of the added element."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
         self._lists: dict[str, list[dict[str, Any]]] = {}
 
     def add(self, kind: str, **content: Any) -> int:
-        """Add an element to one of the document's lists, such as ``nodes``."""
+        """Adds an element to one of the document's lists, such as ``nodes``. Returns its index."""
         elements = self._lists.setdefault(kind, [])
         elements.append(content)
         return len(elements) - 1
 
     def add_vertices(self, values: NumpyArray, *, normalized: bool = False) -> int:
-        """Add an accessor of vertex values (V, K): one row for each vertex, padded to a multiple of 4 bytes."""
+        """Adds an accessor of vertex values (V, K). Rows are padded to a multiple of 4 bytes. Returns its index."""
         width = values.shape[1] * values.itemsize
         padding = -width % _ALIGNMENT
         rows = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), width)
@@ -39,23 +39,23 @@ class GlbWriter:
         return self._add_accessor(values, view, normalized=normalized, **bounds)
 
     def add_indices(self, faces: NumpyArray) -> int:
-        """Add an accessor of triangles (F, 3), as indices of their vertices."""
+        """Adds an accessor of triangles (F, 3), given as vertex indices. Returns its index."""
         kind = np.uint16 if faces.max() < np.iinfo(np.uint16).max else np.uint32
         corners = faces.astype(kind).reshape(-1, 1)
         return self._add_accessor(corners, self._add_view(corners.tobytes(), target=34963))
 
     def add_matrices(self, matrices: NumpyArray) -> int:
-        """Add an accessor of matrices (M, 4, 4)."""
+        """Adds an accessor of matrices (M, 4, 4). Returns its index."""
         columns = np.swapaxes(matrices, 1, 2).astype(np.float32).reshape(-1, 16)
         return self._add_accessor(columns, self._add_view(columns.tobytes()))
 
     def add_texture(self, data: bytes, mime_type: str) -> int:
-        """Add an encoded picture as a texture."""
+        """Adds an encoded image (such as JPEG) as a texture. Returns its index."""
         image = self.add("images", bufferView=self._add_view(data), mimeType=mime_type)
         return self.add("textures", source=image, sampler=self._sampler())
 
     def to_bytes(self, roots: Sequence[int]) -> bytes:
-        """Returns the bytes of the file. Its scene contains the nodes ``roots``."""
+        """Returns the bytes of the file. ``roots``: indices of the scene's root nodes."""
         document = {
             "asset": {"version": "2.0", "generator": "AVR Gym"},
             "extensionsUsed": ["KHR_mesh_quantization"],

@@ -1,6 +1,6 @@
-"""Export of a scene to a GLB file for the client.
+"""Exports a scene to a GLB file for the client.
 
-Its nodes are in the world frame, z up. ``extras`` of a node contain the bodies that move it:
+Nodes are in the world frame, z up. The field ``extras`` of a node contains the bodies that move it:
 
 - ``body``: the node follows this body. Bodies that are fixed to each other share a node.
 - ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
@@ -8,11 +8,11 @@ Its nodes are in the world frame, z up. ``extras`` of a node contain the bodies 
 - ``vertices``: the mesh is a cloth; each vertex is at one of these bodies.
 - ``skin_of``: the mesh is skinned; this body has the largest weight.
 
-Colours are vertex colours, as MuJoCo resolves them from geom and material. All geoms of a node that have the same
-finish are one mesh, because few draw calls are fast on a headset.
+Colours are vertex colours, computed from geom and material as in MuJoCo. All geoms of a node with the same ``Finish``
+are one mesh, because headsets render a scene with few draw calls faster.
 """
 
-# trimesh is only partly typed.
+# The types of trimesh are known only in part.
 # pyright: reportUnknownMemberType=false
 
 import io
@@ -36,13 +36,13 @@ from avrgym.vr.scene.glb_writer import GlbWriter
 from avrgym.vr.scene.skins import Bone, Skin, add_cap, merge_skins, read_skins
 
 ColouredMesh = tuple[trimesh.Trimesh, FloatArray]
-"""A mesh and its colour (4,)."""
+"""A mesh and its colour (4,): red, green, blue, alpha."""
 
 HEAD_BODY = human.PREFIX + "head"
 DEFAULT_ROUGHNESS = 0.75
-"""Roughness of geoms whose material does not define it, similar to MuJoCo's renderer."""
+"""Roughness of geoms without a roughness in their material, similar to MuJoCo's renderer."""
 MIN_INSTANCES = 3
-"""Minimum number of identical bodies for instancing."""
+"""Minimum number of identical bodies that become instances of one mesh."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 
@@ -61,9 +61,7 @@ class Finish:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
-        """Returns the finish of a material id (−1: no material). Values are rounded to reduce the number of
-        finishes.
-        """
+        """Returns the finish of a material id (−1: no material). Values are rounded to limit the number of finishes."""
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
@@ -145,7 +143,7 @@ class _Export:
     def _add_mesh(
         self, pieces: list[ColouredMesh], finish: Finish, *, quantised: bool = True
     ) -> tuple[int, float]:
-        """Add one mesh of all pieces. Returns its index and the scale of its coordinates."""
+        """Adds one mesh of all pieces. Returns its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
         rgba = np.concatenate([np.tile(colour, (len(piece.vertices), 1)) for piece, colour in pieces])
@@ -270,7 +268,7 @@ class _Export:
 
 
 def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Returns the ids of visible geoms by body. Bodies that are fixed to each other count as the topmost of them."""
+    """Returns the ids of visible geoms, by body id. Bodies that are fixed to each other count as their topmost body."""
     found: dict[int, list[int]] = {}
     visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):

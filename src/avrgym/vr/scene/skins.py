@@ -1,7 +1,7 @@
 """Skins of a model for glTF: four bones and weights per vertex, and swing bones without twist.
 
-MuJoCo's bones are the bodies. The twist of a forearm about its axis would deform the skin at the elbow too much. Each
-upper arm and forearm therefore has a second bone, its *swing*. The swing follows the body without the twist about the
+The bones in MuJoCo are the bodies. With them, the twist of a forearm deforms the skin at the elbow too much. Each upper
+arm and forearm therefore has a second bone, its *swing*. The swing follows the body without the twist about the
 body's z axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing to the body.
 """
 
@@ -19,15 +19,17 @@ from avrgym.vr.scene.geom_meshes import pose_matrix
 
 BONES_PER_VERTEX = 4
 TWISTING_BODIES = ("upper_arm", "forearm")
+"""Endings of the names of bodies that have a swing bone."""
 WELD_DISTANCE_M = 1e-5
-"""Vertices of two skins within this distance coincide."""
+"""Vertices of two skins coincide if they are closer than this."""
 
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone of the skin. It follows a body, or only the swing of the body's swing–twist decomposition.
+    """A bone of a skin. It follows a body, or with ``swing`` only the swing of the body's swing–twist decomposition.
 
-    ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone."""
+    ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone.
+    """
 
     body: str
     swing: bool
@@ -55,7 +57,7 @@ class Skin:
 
     @property
     def main_body(self) -> str:
-        """The body with the largest weight."""
+        """Name of the body with the largest total weight."""
         shares = [self.weight_of[self.bone_of == number].sum() for number in range(len(self.bones))]
         return self.bones[int(np.argmax(shares))].body
 
@@ -85,7 +87,7 @@ def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
 
 
 def merge_skins(skins: Sequence[Skin]) -> Skin:
-    """Merge skins. Returns one skin with the name and material of the first."""
+    """Merges skins. Returns one skin with the name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
     bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
