@@ -3,6 +3,8 @@
 Every WebSocket message is a MessagePack map with a ``type`` tag. ``scripts/write_typescript.py`` generates the
 TypeScript types from this module. Poses of headset and controllers are those of WebXR: reference space
 ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
+
+Watchers are the clients of experimenters, caregivers and spectators.
 """
 
 from collections.abc import Callable

@@ -177,7 +177,10 @@ async def _authenticate(
             why = tokens.refusal(hello.token)
             refusal, language = (why.code, why.message), why.language
         elif caller.role == "participant" and broadcast.has_participant:
-            refusal = 4409, "a participant is already connected; only one is allowed, so close the other page first"
+            refusal = (
+                4409,
+                "a participant is already connected; only one is allowed, so close the other page first",
+            )
         else:
             return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):

@@ -31,7 +31,7 @@ from avrgym.vr.server.sound_files import add_sounds
 from avrgym.vr.server.web_server import STATIC_FOLDER, ServerError, WebServer, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
-"""Python's thread switch interval. The default of 5 ms is half of a tick."""
+"""Python's thread switch interval. Its default value, 5 ms, would be half of a tick."""
 
 
 def create_app(
@@ -201,7 +201,7 @@ class LiveServer(Generic[S]):
         ]
 
     def pages(self) -> list[str]:
-        """Returns the addresses of the participant's page without a token. This page asks for the code of a session."""
+        """Returns the addresses of the participant's page without a token. The page requests the code of a session."""
         return [url.partition("#")[0] for url in self.urls()]
 
     def __enter__(self) -> "LiveServer[S]":

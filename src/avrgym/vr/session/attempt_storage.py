@@ -55,7 +55,7 @@ class AttemptStorage:
         now_s: float,
         input_profile: InputProfile,
     ) -> Attempt:
-        """Start an attempt at a trial, see ``Attempt``. ``trial`` and ``first_number`` count from 1.
+        """Start an attempt at a trial, see ``Attempt``. ``trial`` and ``first_number`` are numbered from 1.
 
         Raises:
             OSError: if no recording can be opened.

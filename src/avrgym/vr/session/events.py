@@ -1,7 +1,7 @@
-"""Events of a session, each one a record of plain values.
+"""Events of a session. Each event is a record of plain values.
 
 A session reports each event to its observer, for example a database, before it continues. ``time_s`` is the time since
-the session's start. Trials and attempts count from 1.
+the session's start. Trials and attempts are numbered from 1.
 """
 
 from collections.abc import Callable
@@ -221,7 +221,7 @@ class Continued(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """A part of the body that the task needs is untracked. The simulated part keeps its last pose."""
+    """A part of the body that the task needs is no longer tracked. The simulated part keeps its last pose."""
 
     part: BodyPart
 

@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRP
 PoseGetter = Callable[[Tracking], XRPose | None]
 
 ARM_AT_REST = "rests"
-"""The value of ``with`` for an arm that the participant's input profile does not use."""
+"""The value of ``TrackedPart.with_`` for an arm that the participant's input profile does not use."""
 WINDOW_S = 0.5
 MIN_WINDOW_FRAMES = 5
 LATE_FRAME_PERIODS = 1.5

@@ -44,8 +44,8 @@ class TrialPlan:
 class OpenQuestionnaire:
     """A questionnaire with unanswered items, about a trial of an earlier session.
 
-    ``trial`` and ``attempt`` count from 1. ``recording``: the file of the attempt. ``given``: the existing answers, by
-    the item's identifier.
+    ``trial`` and ``attempt``: their numbers, from 1. ``recording``: the file of the attempt. ``given``: the existing
+    answers, by the item's identifier.
     """
 
     trial: int

@@ -85,7 +85,7 @@ class TrialWorlds:
         self.world, self._fresh_for = world, key
 
     def client_connected(self) -> None:
-        """Store that a client has just connected and shows no scene yet."""
+        """Reset the shown scene, because a client has just connected and shows no scene yet."""
         self._shown = None
 
     def mark_shown(self, url: str) -> None:

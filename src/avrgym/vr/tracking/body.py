@@ -181,7 +181,7 @@ class BodySolver:
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 """Signs of a vector's coordinates that reflect a left hand at the plane x = 0."""
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_JOINTS])
-"""Mask (7,) of an arm's joints whose angle does not change sign when mirrored."""
+"""Boolean mask (7,) of an arm's joints: their angles keep their sign when the arm is mirrored."""
 
 RELAXED_ANGLES_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0

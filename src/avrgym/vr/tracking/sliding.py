@@ -27,7 +27,7 @@ MAX_SHIFT_M = 0.6
 MAX_RISE_M = 0.1
 """Maximum distance of a seated participant from the rest position, and above it. Beyond it, they have left the seat."""
 GLIDE_SPEED_M_S = 0.05
-"""Speed of the room. It is low because everything visible moves."""
+"""Speed of the virtual seat and room. It is low, because the participant sees the motion of the whole scene."""
 
 
 @dataclass(frozen=True)

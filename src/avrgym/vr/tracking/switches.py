@@ -137,7 +137,7 @@ def _grip(hand: HandDevice, pose: XRPose | None, modality: Modality, captured_s:
 
 
 def _held(modality: Modality) -> Modality:
-    """Returns the modality of a hand whose pose has been converted to a grip."""
+    """Returns the modality of a hand after the conversion of its pose to a grip pose."""
     return "controller" if modality == "hand" else modality
 
 

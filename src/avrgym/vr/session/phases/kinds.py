@@ -189,9 +189,7 @@ class RobotFinishedPhase(LocatedPhase):
 
     def repeat(self) -> phases.TrialStart | Self:
         if self.state.storage.attempt is None:
-            return self._report(
-                "the trial is complete and cannot be repeated; only its questions are open"
-            )
+            return self._report("the trial is complete and cannot be repeated; only its questions are open")
         return super().repeat()
 
     def skip(self) -> phases.TrialStart | phases.Finished:
