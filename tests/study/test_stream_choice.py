@@ -29,9 +29,12 @@ def test_documented_example_is_valid() -> None:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ('receive = { heart = "ECG" }', "'ECG' is no query for a stream; allowed: name='…'"),
-        ("receive = { heart = \"type='ECG' or true()\" }", "is no query for a stream"),
-        ('receive = { "my heart" = "type=\'ECG\'" }', "'my heart' is no name of a stream; allowed: a letter"),
+        ('receive = { heart = "ECG" }', "'ECG' is not a valid stream query; allowed: name='…'"),
+        ("receive = { heart = \"type='ECG' or true()\" }", "is not a valid stream query"),
+        (
+            'receive = { "my heart" = "type=\'ECG\'" }',
+            "'my heart' is not a valid stream name; allowed: a letter",
+        ),
         ("recieve = {}", "unknown name 'recieve'; allowed: send, receive"),
     ],
     ids=["no query", "more than a query", "name", "field"],
@@ -47,5 +50,5 @@ def test_error_of_an_invalid_stream_has_its_line(line: str, words: str) -> None:
 
 def test_options_select_the_same_streams() -> None:
     assert parse_stream_options(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
-    with pytest.raises(ValueError, match="--receive heart: '' is no query for a stream; allowed: name="):
+    with pytest.raises(ValueError, match="--receive heart: '' is not a valid stream query; allowed: name="):
         parse_stream_options(False, ["heart"])

@@ -1,7 +1,7 @@
-"""Measures CPU steal: the host of this virtual machine runs other machines, and a virtual processor stops.
+"""Measures CPU steal: periods in which the host runs other virtual machines and stops a processor of this one.
 
-On each processor a real-time process repeatedly sleeps for a millisecond, with a priority above all other processes. If
-a sleep takes longer, this processor was stopped in the meantime.
+On each processor, a real-time process repeatedly sleeps for a millisecond, with a priority above all other processes.
+If a sleep takes longer, this processor was stopped in the meantime.
 """
 
 import multiprocessing
@@ -17,20 +17,21 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
+"""Duration of a sleep of the monitoring process."""
 STEAL_THRESHOLD_S = 0.001
-"""A sleep may take this much longer without CPU steal, because of the operating system."""
+"""Maximum delay of a sleep by the operating system. A longer delay is CPU steal."""
 PRIORITY = 50
-"""Real-time priority of the process, 1 to 99: above the simulation's."""
+"""Real-time priority of the monitoring process, 1 to 99. It is higher than that of the simulation."""
 
 Span = tuple[float, float]
-"""A period: beginning and end in seconds of the system's monotonic clock."""
+"""A period: its start and end in seconds, on the system's monotonic clock."""
 
 
 class CpuSteal:
-    """Context manager that monitors every processor. Its exit sets ``spans``: periods in which a processor was stopped.
+    """Context manager that monitors CPU steal on every processor.
 
-    The periods are sorted and disjoint. Monitoring needs Linux, and root or the limit ``rtprio``; otherwise ``spans``
-    is ``None``.
+    At its exit, ``spans`` are the periods in which a processor was stopped, sorted and disjoint. Monitoring needs
+    Linux, and root or the limit ``rtprio``; otherwise ``spans`` is ``None``.
     """
 
     def __init__(self) -> None:
@@ -70,8 +71,8 @@ class CpuSteal:
 def monitor_processor(processor: int, end: Connection) -> None:
     """Main function of the process that monitors one processor.
 
-    Sends through ``end`` whether the system allows monitoring. After it receives a message from ``end``, it sends the
-    periods in which the processor was stopped, and exits.
+    Sends to ``end`` whether the system allows monitoring. When a message arrives from ``end``, sends the periods in
+    which the processor was stopped, and exits.
     """
     spans: list[Span] = []
     allowed = _keep_to(processor)
@@ -87,7 +88,7 @@ def monitor_processor(processor: int, end: Connection) -> None:
 
 
 def _keep_to(processor: int) -> bool:
-    """Run this process on one processor with real-time priority. Returns whether the system allows this."""
+    """Runs this process on one processor with real-time priority. Returns whether the system allows this."""
     try:
         os.sched_setaffinity(0, {processor})
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
@@ -97,7 +98,7 @@ def _keep_to(processor: int) -> bool:
 
 
 def merge_spans(spans: list[Span]) -> list[Span]:
-    """Merge overlapping periods. Returns sorted, disjoint periods."""
+    """Merges overlapping periods. Returns sorted, disjoint periods."""
     apart: list[Span] = []
     for began_s, ended_s in sorted(spans):
         if apart and began_s <= apart[-1][1]:
@@ -108,7 +109,7 @@ def merge_spans(spans: list[Span]) -> list[Span]:
 
 
 def overlap_s(spans: list[Span], began_s: float, ended_s: float) -> float:
-    """Returns the overlap in seconds of disjoint spans with the period from ``began_s`` to ``ended_s``."""
+    """Returns the total overlap, in seconds, of disjoint spans and the period from ``began_s`` to ``ended_s``."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 

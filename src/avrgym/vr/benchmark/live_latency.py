@@ -1,7 +1,7 @@
-"""Measures the latency of the real server: a session with recording, and a client in its own process over loopback.
+"""Measures the latency of the server in a recorded session. The client runs in its own process on this computer.
 
-The client sends tracking like a headset. It stores the arrival time of the first state that includes each frame. All
-times are of the system's monotonic clock, which all processes share.
+The client sends tracking frames like a headset. For each frame, it stores the arrival time of the first state that
+includes it. All times are on the system's monotonic clock, which all processes share.
 """
 
 import multiprocessing
@@ -35,12 +35,17 @@ from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 
 TRACKING_HZ = 90.0
+"""Rate of the client's tracking frames."""
 HIDDEN_UNITS = 64
+"""Number of units in each of the two hidden layers of the untrained network."""
 POLICY = "measured"
+"""Name of the measured policy in the session's plan."""
 TIMEOUT_S = 120.0
+"""Maximum duration of the session in addition to the trial."""
 STEAL_COLUMN = 8
 """Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+"""The computed percentiles, by name."""
 
 Percentiles = dict[str, float]
 """Percentiles in milliseconds, by name."""
@@ -50,14 +55,22 @@ Percentiles = dict[str, float]
 class LiveLatencyResult:
     """Results of a live, recorded trial in one environment.
 
-    ``rate_hz``: ticks per second. ``tick_ms``: duration of a tick. ``processor_ms``: its processor time.
-    ``missed_deadlines``: number of ticks that ended after the next one was due, or were skipped. ``missed_running``:
-    number of these that would also have been late without CPU steal; ``None`` if CPU steal was not measured, see
-    ``cpu_steal``. ``round_trip_ms``: time from sending a tracking frame to the arrival of the first state that includes
-    it. ``stages_ms``: its stages: from client to server, in the queue until the next tick, the tick until its state is
-    sent, and from server to client. ``undisturbed_…``: only ticks and round trips without CPU steal; ``None`` if there
-    are none, or CPU steal was not measured. ``stolen_s``: CPU steal of all processors during the
-    trial, as the system reports it.
+    Attributes:
+        env: the environment's id.
+        seconds: duration of the measurement.
+        rate_hz: number of ticks per second.
+        tick_ms: duration of a tick.
+        processor_ms: processor time of a tick.
+        round_trip_ms: time from sending a tracking frame to the arrival of the first state that includes it.
+        undisturbed_tick_ms: ``tick_ms`` of the ticks without CPU steal; ``None`` if there are none, or if CPU steal was
+            not measured (see ``cpu_steal``).
+        undisturbed_round_trip_ms: ``round_trip_ms`` without CPU steal, or ``None``, as ``undisturbed_tick_ms``.
+        stages_ms: stages of the round trip: from client to server, in the queue until the next tick, the tick until its
+            state is sent, and from server to client.
+        missed_deadlines: number of ticks that ended after the next tick was due, or that were skipped.
+        missed_running: number of these ticks that would also have been late without CPU steal; ``None`` if CPU steal
+            was not measured.
+        stolen_s: CPU steal of all processors during the trial, as the system reports it.
     """
 
     env: str
@@ -75,14 +88,14 @@ class LiveLatencyResult:
 
 
 def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
-    """Measure a trial of ``seconds`` in one environment.
+    """Measures the latency in a trial of ``seconds`` in one environment. Returns the results.
 
-    ``policy`` is a name that ``policies.registry.find`` accepts; ``None``: an untrained network.
+    ``policy``: a name as in ``policies.registry.find``; ``None``: an untrained network.
 
     Raises:
         ValueError: for an unknown environment or policy. The message lists the allowed values.
         ServerError: if the client is not built.
-        RuntimeError: if no trial begins.
+        RuntimeError: if the trial does not start or does not end.
     """
     found = _untrained(environment_id) if policy is None else find(policy, environment_id)
     plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY): found}
@@ -103,9 +116,7 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
 
 
 def _stolen_s() -> float:
-    """Returns CPU steal of all processors since the start of the system, seconds; 0 if the system does not report
-    it.
-    """
+    """Returns the CPU steal of all processors since the start of the system, in seconds; 0 if it is unknown."""
     statistics = Path("/proc/stat")
     if not statistics.exists():
         return 0.0
@@ -119,7 +130,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 
 def _untrained(environment_id: str) -> Policy:
-    """Returns a network with random weights. It has the size of trained networks and needs the same computing time."""
+    """Returns a network with random weights. Its size and computing time are those of trained networks."""
     size, actions = observation_and_action_size(environment_id)
     random, layers = random_streams.untrained_weight_generator(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
@@ -149,7 +160,7 @@ class _Times:
         self.stolen_s = 0.0
 
     def watch(self, loop: RealTimeLoop[Session]) -> None:
-        """Store the times at which tracking frames reach a loop's inbox."""
+        """Starts to store the times at which tracking frames reach a loop's inbox."""
         post = loop.post
 
         def note(message: Received) -> None:
@@ -160,7 +171,7 @@ class _Times:
         loop.post = note
 
     def note_tick(self, began_s: float, computed_s: float) -> None:
-        """Store a tick that ends now, and its processor time."""
+        """Stores a tick that ends now, and its processor time."""
         self.began.append(began_s)
         self.took.append(time.monotonic() - began_s)
         self.computed.append(computed_s)
@@ -200,11 +211,11 @@ class _TimedSession(Session):
 
 
 RoundTrips = dict[int, tuple[float, float]]
-"""By number of the tracking frame: the time of its sending, and of the arrival of the first state that includes it."""
+"""Times of sending a tracking frame and of the arrival of the first state that includes it, by the frame's number."""
 
 
 def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
-    """Run the client's process until the trial is over. Returns the round trips of the trial."""
+    """Runs the client's process until the trial ends. Returns the round trips of the trial."""
     here, there = multiprocessing.Pipe()
     client = multiprocessing.get_context("spawn").Process(
         target=run_client,
@@ -220,7 +231,10 @@ def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
     there.close()  # the end of the process is then detected here
     try:
         if not here.poll(seconds + TIMEOUT_S):
-            raise RuntimeError(f"the trial did not end; the session is in phase {server.session.phase}")
+            raise RuntimeError(
+                f"the trial did not end within {seconds + TIMEOUT_S:.0f} s; the session is in phase "
+                f"{server.session.phase}"
+            )
         return here.recv()
     except EOFError:
         phase = server.session.phase
@@ -233,7 +247,8 @@ def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
 
 
 def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
-    """Main function of the client's process: calibrate, send tracking, and send the round trips to ``results``."""
+    """Main function of the client's process: calibrates, sends tracking frames, and sends the round trips to
+    ``results``."""
     with connect(url, max_size=None) as socket:
         socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
         results.send(_Client(socket, environment_id).run())

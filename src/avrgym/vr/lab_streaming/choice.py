@@ -1,4 +1,4 @@
-"""The streams that a session sends and receives by Lab Streaming Layer."""
+"""Selects the streams that a session sends and receives with Lab Streaming Layer."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -6,17 +6,18 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
-"""Names of streams are also parts of file names."""
+"""Allowed names of streams. They are also parts of file names."""
 QUERY_PATTERN = re.compile(
     r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'")
 )
+"""Allowed queries for streams, see ``QUERY_HELP``."""
 QUERY_HELP = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
 
 
 class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The streams that a session exchanges by Lab Streaming Layer.
+    """The streams that a session sends and receives with Lab Streaming Layer.
 
-    ``send``: whether to send events, poses and forces. ``receive``: a query for each received stream, by name.
+    ``send``: whether to send events, poses and forces. ``receive``: the query of each received stream, by stream name.
     """
 
     send: bool = False
@@ -24,16 +25,18 @@ class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def stream_fault(name: str, query: str) -> str:
-    """Returns the error in a stream's name or query, with the allowed values; empty if both are valid."""
+    """Returns an error message with the allowed values for a stream's name or query; empty if both are valid."""
     if not NAME_PATTERN.fullmatch(name):
-        return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
+        return f"{name!r} is not a valid stream name; allowed: a letter, then up to 39 letters and digits"
     return (
-        "" if QUERY_PATTERN.fullmatch(query) else f"{query!r} is no query for a stream; allowed: {QUERY_HELP}"
+        ""
+        if QUERY_PATTERN.fullmatch(query)
+        else f"{query!r} is not a valid stream query; allowed: {QUERY_HELP}"
     )
 
 
 def parse_stream_options(send: bool, received: Sequence[str]) -> StreamChoice:
-    """Read the choice from command-line options. Raises ``ValueError`` if an option is not ``NAME=QUERY``."""
+    """Returns the streams of the command-line options. Raises ``ValueError`` if an option is not ``NAME=QUERY``."""
     receive = dict(_named(each) for each in received)
     return StreamChoice(send, receive)
 

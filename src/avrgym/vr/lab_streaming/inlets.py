@@ -1,4 +1,4 @@
-"""Reception of a stream of Lab Streaming Layer, in its own thread."""
+"""Receives streams of Lab Streaming Layer, each in its own thread."""
 
 import threading
 from collections import deque
@@ -12,21 +12,23 @@ from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
 SEARCH_S = 1.0
-"""Duration of a search for a stream."""
+"""Duration of one search for a stream."""
 OPEN_TIMEOUT_S = 5.0
 """Timeout of requests to a stream."""
 CHUNK_S = 0.05
 """Maximum duration of a chunk of samples. Short chunks do not delay ticks."""
 CHUNK_SAMPLES = 4096
+"""Maximum number of samples in a chunk."""
 MAX_CHUNKS = 600
-"""Maximum number of waiting chunks. Above it the oldest chunks are dropped."""
+"""Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
 BUFFER_S = 60
+"""Length of the receive buffer."""
 SILENT_S, SILENT_INTERVALS = 1.0, 5.0
-"""A stream with a regular rate is lost if it sends no samples for this time and for this number of intervals."""
+"""A stream with a regular rate counts as lost if no samples arrive for this time and this number of intervals."""
 
 
 class Inlet:
-    """Receives the stream that matches a query. If the stream is lost, searches for it again.
+    """Receives the stream that matches a query. If the stream is lost, the inlet searches for it again.
 
     Time stamps are corrected to the local clock of Lab Streaming Layer.
     """
@@ -42,11 +44,11 @@ class Inlet:
         self._thread.start()
 
     def take(self) -> list[tuple[Stream, StreamSamples]]:
-        """Remove and return the chunks received since the last call."""
+        """Returns the chunks that have arrived since the last call, and removes them."""
         return [self._chunks.popleft() for _ in range(len(self._chunks))]
 
     def stop(self) -> None:
-        """Request the end of the thread; ``join`` waits for it."""
+        """Request the end of the thread. ``join`` waits for it."""
         self._stopping.set()
 
     def join(self) -> None:
@@ -75,7 +77,7 @@ class Inlet:
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
-        """Yield chunks of samples and their times on the device's clock, and update ``present``."""
+        """Yields chunks of samples and their times on the device's clock. Updates ``present``."""
         patience_s = max(SILENT_S, SILENT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         silent_since_s = pylsl.local_clock()
         while not self._stopping.is_set():
@@ -100,7 +102,7 @@ def describe(name: str, info: pylsl.StreamInfo) -> Stream:
 
 
 def _plain(samples: NumpyArray) -> list[list[Any]]:
-    """Returns samples as lists of numbers or of text, decoded from bytes."""
+    """Returns samples as lists of numbers, or of text that is decoded from bytes."""
     if samples.dtype != object:
         return samples.tolist()
     return [[text.decode(errors="replace") for text in row] for row in samples]

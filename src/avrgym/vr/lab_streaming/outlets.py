@@ -1,4 +1,4 @@
-"""Streams that AVR Gym sends: events, poses of head, hands and tool, and contact forces on the person."""
+"""Sends streams with Lab Streaming Layer: events, poses of head, hands and tool, and forces on the person."""
 
 from pathlib import Path
 from socket import gethostname
@@ -14,22 +14,25 @@ from avrgym.vr.session.events import SessionEvent
 from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
 RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
+"""Sample rate of poses and forces."""
 SENT_BODIES = {
     "head": f"{PREFIX}head",
     "left_hand": f"{PREFIX}left_hand",
     "right_hand": f"{PREFIX}right_hand",
     "tool": "robot/tool",
 }
-"""The bodies whose poses are sent, by their names in the stream."""
+"""Bodies of the sent poses, by their names in the stream."""
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
 BUFFER_S = 10
+"""Length of the send buffer."""
 
 
 class Outlets:
-    """Three streams: ``AVR Gym events`` (JSON), ``AVR Gym poses`` and ``AVR Gym forces``.
+    """Sends three streams: ``AVR Gym events`` (JSON), ``AVR Gym poses`` and ``AVR Gym forces``.
 
-    Poses are those of simulated bodies in the world frame; forces are in newtons, one channel for each body region.
+    Poses are those of simulated bodies in the world frame. Forces are in newtons, with one channel for each body
+    region.
     """
 
     def __init__(self) -> None:
@@ -41,11 +44,11 @@ class Outlets:
         )
 
     def send_event(self, event: SessionEvent, time_s: float) -> None:
-        """Send an event; ``time_s`` is on Lab Streaming Layer's clock."""
+        """Send an event. ``time_s``: its time on Lab Streaming Layer's clock."""
         self._events.push_sample([event_text(event)], time_s)
 
     def send_state(self, world: LiveWorld, time_s: float) -> None:
-        """Send poses and forces; ``time_s`` is on Lab Streaming Layer's clock."""
+        """Send poses and forces. ``time_s``: their time on Lab Streaming Layer's clock."""
         simulation = world.simulation
         rows = [world.bodies.index(body) for body in SENT_BODIES.values()]
         self._poses.push_sample(simulation.body_poses(0)[rows].ravel().tolist(), time_s)
@@ -53,7 +56,7 @@ class Outlets:
 
 
 def event_text(event: SessionEvent) -> str:
-    """Returns an event as JSON: its type and its fields, without the time."""
+    """Returns an event as JSON text: its type and its fields, without the time."""
     fields: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
     del fields["time_s"]
     return msgspec.json.encode({"event": type(event).__name__, **fields}).decode()

@@ -14,29 +14,30 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
 DRIFT_S = 1e-6
-"""Maximum drift between the two clocks per tick. The drift between clocks of one computer is smaller."""
+"""Maximum drift per tick between the session's clock and Lab Streaming Layer's clock. On one computer, the drift is
+smaller."""
 
 
 class LabStreams:
-    """Implements ``session.streams.Streams``.
+    """The streams of a session over Lab Streaming Layer. Implements ``session.streams.Streams``.
 
-    The session passes the start time of its tick, which is earlier than the call. The call with the smallest delay
-    therefore determines the clock offset between the session and Lab Streaming Layer.
+    The session passes the start time of its tick, which is earlier than the call. Therefore, the call with the smallest
+    delay determines the clock offset between the session and Lab Streaming Layer.
     """
 
     def __init__(self, choice: StreamChoice) -> None:
-        """Start sending, and start the search for the streams to receive."""
+        """Create the streams to send, and start the search for the streams to receive."""
         self._clock_offset_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
 
     @property
     def present(self) -> Mapping[str, bool]:
-        """Whether each requested stream is available."""
+        """Whether each requested stream is available, by stream name."""
         return {inlet.name: inlet.present for inlet in self._inlets}
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """Returns the samples received since the last call, with times on the session's clock."""
+        """Returns the samples that have arrived since the last call, with times on the session's clock."""
         clock_offset_s = self._clock_offset_s = self._aligned(now_s)
         return [
             (stream, _later(samples, clock_offset_s))
@@ -54,7 +55,7 @@ class LabStreams:
             self._outlets.send_event(event, event.time_s - self._clock_offset_s)
 
     def send_state(self, world: LiveWorld, now_s: float) -> None:
-        """Send poses and forces."""
+        """Send the current poses and forces of a world. ``now_s``: the time on the session's clock."""
         if self._outlets is not None and self._clock_offset_s is not None:
             self._outlets.send_state(world, now_s - self._clock_offset_s)
 

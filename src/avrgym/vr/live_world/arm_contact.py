@@ -1,4 +1,4 @@
-"""Detects touches on a participant's arms, for haptic feedback."""
+"""Detects contacts with a participant's arms, for haptic feedback."""
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ ARM_BODIES = ("upper_arm", "forearm", "hand")
 
 
 class ArmContactMonitor:
-    """Detects contact of robot and tool with the person's left and right arm."""
+    """Detects contacts of robot and tool with the left and right arm of the person in the first world."""
 
     def __init__(self, simulation: Simulation) -> None:
         model = simulation.batch.get_model(0)
@@ -24,7 +24,7 @@ class ArmContactMonitor:
         }
 
     def sides(self) -> tuple[bool, bool]:
-        """Returns whether the left and the right arm are touched, hands included."""
+        """Returns whether robot or tool touch the left and the right arm (with its hand)."""
         geoms = self._batch.get_data(0, self._data).contact.geom
         return self._touches("left", geoms), self._touches("right", geoms)
 

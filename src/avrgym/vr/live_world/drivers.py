@@ -1,4 +1,7 @@
-"""Drivers command the robot of a live world. A late or failing driver returns zero actions and raises no error."""
+"""Drivers command the robot of a live world: policies, external controllers and human operators.
+
+If a driver is late or fails, it returns zero actions. It does not raise an error.
+"""
 
 import threading
 import time
@@ -19,16 +22,17 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.vr.protocol.messages import Drive
 
 Generators = Sequence[np.random.Generator]
+"""Random generators of the episodes, one for each world."""
 
 RESPONSE_TIMEOUT_S = 0.08
-"""Time limit of an external controller for an action, within the control step of 0.1 s."""
+"""Maximum time in which an external controller must return an action, within the control step of 0.1 s."""
 SIMULATED_RESPONSE_TIMEOUT_S = 10.0
-"""The same limit for sessions in simulated time, which wait for the answer."""
+"""The same maximum in simulated time. There, the session waits for the action."""
 OPERATOR_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time."""
 
 NO_ACTION = np.zeros((1, 0))
-"""The action (1, 0) before the first episode, when the robot is not known."""
+"""The action (1, 0) before the first episode, while the number of joints is unknown."""
 
 
 def zero_action(episodes: Episodes) -> FloatArray:
@@ -41,7 +45,7 @@ class Driver(Protocol):
 
     @property
     def failure(self) -> str:
-        """The message of the current ``ControllerError``; empty without one."""
+        """Message of the current ``ControllerError``; empty if there is none."""
         ...
 
     @property
@@ -62,12 +66,12 @@ class Driver(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop the driver."""
+        """Stop the driver, and end its thread if it has one."""
         ...
 
 
 def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
-    """Returns the driver for a policy. In the ``background``, the caller does not wait for external controllers."""
+    """Returns the driver for a policy. With ``background``, callers do not wait for external controllers."""
     if isinstance(policy, HumanOperator):
         return OperatorDriver()
     if isinstance(policy, ExternalController):
@@ -76,13 +80,13 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
 
 
 def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
-    """Compile the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
+    """Compiles the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
     with suppress(RuntimeError, ValueError):
         registry.render_once(policy, episodes)
 
 
 class SynchronousDriver:
-    """Drives the robot with a policy of AVR Gym, which returns its action within the tick."""
+    """Drives the robot with a policy of AVR Gym. Its action is computed within the tick."""
 
     def __init__(self, policy: Policy | Script) -> None:
         self.failure = ""
@@ -119,12 +123,11 @@ class SynchronousDriver:
 
 
 class ThreadedDriver:
-    """Drives the robot with an external controller, which runs in its own thread.
+    """Drives the robot with an external controller that runs in its own thread.
 
-    The latest action continues until the controller answers. After a failure or a timeout the robot holds its position;
-    late answers are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` in the ``background``, otherwise
-    ``SIMULATED_RESPONSE_TIMEOUT_S``. If the controller is still busy at the next episode, it is abandoned and a new one
-    is created.
+    The latest action stays active until the controller returns the next one. After a failure or a timeout, the robot
+    holds its position. Late actions are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` with ``background``, otherwise
+    ``SIMULATED_RESPONSE_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller replaces it.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
@@ -166,7 +169,7 @@ class ThreadedDriver:
         return self._action
 
     def _ask(self, observation: FloatArray) -> None:
-        """Request the action for an observation (1, O)."""
+        """Requests the action for an observation (1, O) from the controller."""
         try:
             (row,) = registry.controller_observations(
                 self._controller_factory, self._episodes, observation.copy()
@@ -178,13 +181,13 @@ class ThreadedDriver:
         self._pending = self._request(lambda controller: controllers.act(controller, row, count))
 
     def update_action(self) -> FloatArray | None:
-        """Returns the action (1, A) of the controller if it has arrived, else ``None``."""
+        """Returns the controller's action (1, A) if it has changed since the last call, else ``None``."""
         before = self._action
         self._poll()
         return None if self._action is before else self._action
 
     def close(self) -> None:
-        """Close the controller after its last answer."""
+        """Close the controller after its last request."""
         waits = not self._background and not self._worker.busy
         self._worker.close()
         if waits:
@@ -197,7 +200,7 @@ class ThreadedDriver:
         return request
 
     def _poll(self) -> None:
-        """Handle an answer that has arrived, or ignore a late one."""
+        """Applies an action that has arrived, or ignores a late one."""
         pending = self._pending
         if pending is None:
             return
@@ -215,10 +218,14 @@ class ThreadedDriver:
 
 
 Work = Callable[[Controller], FloatArray | None]
+"""A function that calls a controller, and returns its action if there is one."""
 
 
 class Request:
-    """A request to a controller; ``answer`` or ``failure`` is set before ``done`` is true."""
+    """A request to a controller.
+
+    ``answer``: the controller's action, if any. ``failure``: the error message. They are set before ``done`` is true.
+    """
 
     def __init__(self, work: Work) -> None:
         self._work, self._requested_s, self._ended_s = work, time.monotonic(), 0.0
@@ -228,16 +235,16 @@ class Request:
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer or a failure."""
+        """Whether the controller has answered or failed."""
         return self._done.is_set()
 
     @property
     def elapsed_s(self) -> float:
-        """Time from the request to its end, or until now."""
+        """Time from the request to its end; if it is not done, until now."""
         return (self._ended_s if self.done else time.monotonic()) - self._requested_s
 
     def run(self, get_controller: Callable[[], Controller]) -> None:
-        """Call the controller, and store its answer or failure."""
+        """Call the controller. Stores its answer or its failure."""
         try:
             answer = self._work(get_controller())
         except (Exception, SystemExit) as error:  # external code may raise anything
@@ -253,9 +260,7 @@ class Request:
 
 
 class ControllerThread:
-    """Runs requests to one controller in order, in its own thread, which creates the controller at the first
-    request.
-    """
+    """Runs requests to one controller in order, in its own thread. The first request creates the controller."""
 
     def __init__(self, factory: ExternalController) -> None:
         self._controller_factory = factory
@@ -272,7 +277,7 @@ class ControllerThread:
         return self._latest is not None and not self._latest.done
 
     def submit(self, work: Work) -> Request:
-        """Add a request at the end of the queue, and return it."""
+        """Adds a request to the end of the queue. Returns the request."""
         self._latest = request = Request(work)
         self._queue.put(request)
         return request
@@ -298,7 +303,7 @@ class ControllerThread:
 
 
 class OperatorDriver:
-    """Drives the robot with an operator's commands for its hand. Without commands the robot does not move."""
+    """Drives the robot with an operator's velocity commands for its hand. Without commands, the robot does not move."""
 
     failure = ""
 
@@ -320,7 +325,7 @@ class OperatorDriver:
         self.release()
 
     def take_command(self, command: Drive, now_s: float) -> None:
-        """Apply a command from the operator's page."""
+        """Apply a command from the operator's page. ``now_s``: the current time on the session's clock."""
         if command.engaged:
             self.drive(_in_world(command.linear), _in_world(command.angular), now_s)
         else:
@@ -332,7 +337,7 @@ class OperatorDriver:
         self._changed = True
 
     def release(self) -> None:
-        """Stop the robot."""
+        """Stop the robot until the next command."""
         self._velocity, self._changed = None, True
 
     def check_timeout(self, now_s: float) -> None:
@@ -357,6 +362,6 @@ class OperatorDriver:
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:
-    """Transform a vector (3,) from the frame of the person (forward, left, up) to the world frame."""
+    """Transforms a vector (3,) from the frame of the person (forward, left, up) to the world frame."""
     forward, left, up = direction
     return np.array([left, -forward, up])

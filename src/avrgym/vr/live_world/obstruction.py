@@ -1,6 +1,6 @@
-"""Detects obstructed parts of the person's body, which cannot reach their targets because of contacts.
+"""Detects obstructed parts of the person's body. Contacts prevent such a part from reaching its target.
 
-If contacts apply a torque τ, a servo of stiffness k at rest has a distance of τ / k from its target. In free motion
+If contacts apply a torque τ, a servo of stiffness k at rest has a distance of τ / k from its target. In free motion,
 servos lag too, but with τ = 0. The torque therefore distinguishes obstruction from lag.
 """
 
@@ -15,13 +15,13 @@ from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE, HEAD_JOINTS, WAIST
 
 OBSTRUCTED_M, FREE_M = 0.008, 0.004
-"""Hysteresis: a part becomes obstructed above the first displacement by contacts, and free below the second."""
+"""Displacements by contacts: above the first, a part becomes obstructed; below the second, it becomes free."""
 FINGERTIP_DISTANCE_RADII = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
 
 
 class ObstructionMonitor:
-    """Monitors the head, elbows and fingers of the person in the first world."""
+    """Detects obstruction of head, elbows and fingers of the person in the first world."""
 
     def __init__(self, simulation: Simulation, skeleton: Skeleton) -> None:
         model, bind = simulation.batch.get_model(0), simulation.batch.bind
@@ -42,7 +42,7 @@ class ObstructionMonitor:
         self._obstructed = np.zeros(len(BODY_PARTS), dtype=bool)
 
     def parts(self) -> tuple[BodyPart, ...]:
-        """Returns the parts that are obstructed after the latest physics step."""
+        """Returns the body parts that are obstructed after the latest physics step."""
         displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(), axis=-1)).max(axis=-1)
         self._obstructed = displacement_m > np.where(self._obstructed, FREE_M, OBSTRUCTED_M)
         return tuple(part for part, held in zip(BODY_PARTS, self._obstructed.tolist(), strict=True) if held)

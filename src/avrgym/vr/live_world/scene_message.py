@@ -1,4 +1,4 @@
-"""Messages for clients: the scene to draw, and the poses of its bodies."""
+"""Messages for clients: the description of the scene, and the poses of its bodies."""
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from avrgym.vr.tracking.body import skeleton
 
 
 def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
-    """Returns the first person's region with the highest force relative to its limit, and this ratio.
+    """Returns the name of the body region with the highest force relative to its limit, and this ratio.
 
-    Without contact returns ``""`` and 0.
+    The region is that of the person in the first world. Without contact, returns ``""`` and 0.
     """
     share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
     most = int(share.argmax())
@@ -23,7 +23,7 @@ def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
 
 
 def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
-    """Returns the scene of the first world; see ``messages.Scene``."""
+    """Returns the description of the first world's scene, see ``messages.Scene``. ``number``: number of the scene."""
     marks = episodes.task.marks
     people = episodes.people
     head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
@@ -41,12 +41,12 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
 
 
 def scene_url(number: int) -> str:
-    """Returns the address of a scene on its server."""
+    """Returns the path of a scene's GLB file on the server."""
     return f"/scenes/{number}.glb"
 
 
 def poses(episodes: Episodes) -> bytes:
-    """Returns the poses of bodies and marks in the first world, in the format of ``messages.State``."""
+    """Returns the poses of bodies and marks in the first world, encoded as in ``messages.State``."""
     bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
     all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
     all_poses[: len(bodies)] = bodies

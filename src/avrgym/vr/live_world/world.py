@@ -31,20 +31,20 @@ from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 BRAKING_TICKS = 30
 """Number of ticks for which the brakes stop the robot before its retreat."""
 MAX_RESTING_TURN_RAD = 0.01
-"""Maximum rotation per tick of a joint of an arm that returns to its rest pose: 1 rad/s."""
+"""Maximum rotation per tick of the joints of an arm that returns to its rest pose: 1 rad/s."""
 
 
 class LiveWorld:
-    """One world whose person follows a participant, with a robot that a driver commands.
+    """One world with a person that follows the participant's motion, and a robot that a driver commands.
 
-    A driver acts at the control rate, by default 10 Hz; physics and person run at 100 Hz.
+    A driver acts at the control rate, by default 10 Hz. Physics and person are updated at 100 Hz.
     """
 
     def __init__(self, environment_id: str, person: Person, settings: Settings = DEFAULTS) -> None:
         """Compile the scene for a person.
 
         Raises:
-            ValueError: for an unknown environment (the message lists the ids), or impossible settings.
+            ValueError: for an unknown environment (the message lists the allowed ids), or invalid settings.
         """
         self._episodes = Episodes(
             environment_id, 1, person=person, moving=True, num_threads=1, by_region=True, settings=settings
@@ -59,7 +59,7 @@ class LiveWorld:
 
     @property
     def applied_action(self) -> FloatArray | None:
-        """The action of the robot (A,) if it changed at the latest tick, otherwise ``None``."""
+        """The robot's action (A,) if it changed at the latest tick, otherwise ``None``."""
         return self._loop.applied_action
 
     @property
@@ -79,7 +79,7 @@ class LiveWorld:
 
     @property
     def simulation(self) -> Simulation:
-        """The physics simulation."""
+        """The physics simulation of the world."""
         return self._episodes.simulation
 
     @property
@@ -104,16 +104,16 @@ class LiveWorld:
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the creation of the world; it never decreases."""
+        """Simulated time since the creation of the world. A reset does not change it."""
         return self.ticks * TICK_S
 
     def reset(self, seed: int) -> None:
         """Reset robot, furniture and food to the initial state of an episode. The person's pose does not change.
 
-        ``seed`` determines the initial state and the exploration noise of a policy.
+        ``seed``: seed of the initial state and of a policy's exploration noise.
 
         Raises:
-            NoClearanceError: a ``ValueError``, if the person obstructs every initial state.
+            NoClearanceError: if the person obstructs every initial state. It is a ``ValueError``.
         """
         self._loop = self._episodes.loop = ControlLoop(self._episodes)
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
@@ -124,7 +124,7 @@ class LiveWorld:
         self.hold()
 
     def follow(self, pose: BodyPose, resting: Collection[Arm] = ()) -> None:
-        """Command the person's joints to angles that bring head and hands to the participant's pose.
+        """Command joint targets with which the person's head and hands follow the participant's pose.
 
         ``resting``: arms that return to their rest pose while their hand has no pose.
         """
@@ -138,7 +138,7 @@ class LiveWorld:
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 
     def hold(self) -> None:
-        """Stop the robot. Discards an unfinished control step."""
+        """Stop the robot with its brakes. Discards an unfinished control step."""
         self._episodes.simulation.brake_robot()
         self._loop.abort_step()
         self._retreated_ticks: int | None = None
@@ -150,7 +150,7 @@ class LiveWorld:
 
     @property
     def retreating(self) -> bool:
-        """Whether the robot moves its tool away."""
+        """Whether the robot retreats: it moves its tool away from the person."""
         return self._retreated_ticks is not None
 
     def prepare(
@@ -161,7 +161,7 @@ class LiveWorld:
         withdraw_after_success: bool = False,
         rules: AppliedRules | None = None,
     ) -> None:
-        """Prepare a driver for the current episode, and build the control loop with the chosen layers."""
+        """Prepare a driver for the current episode, and build the control loop with its safety layers."""
         self._loop = self._episodes.loop = ControlLoop(
             self._episodes,
             force_guard=force_guard,
@@ -179,18 +179,19 @@ class LiveWorld:
         return self._loop.pacing
 
     def take_command(self, command: CommandName) -> bool:
-        """Take a command of the participant. Returns whether it has an effect on the robot."""
+        """Applies a command of the participant. Returns whether it has an effect on the robot."""
         return bool(self._loop.take_command(command)[0])
 
     @property
     def withdrawing(self) -> bool:
-        """Whether the robot withdraws after success, or has withdrawn and waits."""
+        """Whether the robot withdraws its tool after success, or waits after the withdrawal."""
         return bool(self._loop.withdrawing[0])
 
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
-        """Advance by 10 ms. A prepared driver moves the robot. The last tick of a control step returns the step.
+        """Advances the world by 10 ms. Returns the control step at its last tick, otherwise ``None``.
 
-        With ``hold``, the brakes hold the robot, also during a retreat. Only the force guard can then move the robot.
+        ``driver``: a prepared driver that moves the robot. With ``hold``, the brakes hold the robot, also during a
+        retreat. Only the force guard can then move it.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:
@@ -199,7 +200,7 @@ class LiveWorld:
         return self._loop.tick(driver, hold=hold)
 
     def _tick_retreat(self, ticks: int, *, hold: bool) -> None:
-        """Command the robot every 0.1 s, until the retreat is complete."""
+        """Commands the robot every 0.1 s until the retreat is complete."""
         if hold:
             self._loop.move(self._zeros if self._loop.moving else None, hold=True)
             return
@@ -209,18 +210,18 @@ class LiveWorld:
         self._loop.move(None if action is None else action[None])
 
     def state_vector(self) -> FloatArray:
-        """Returns MuJoCo's integration state."""
+        """Returns MuJoCo's integration state, see ``Simulation.integration_state``."""
         return self._episodes.simulation.integration_state()
 
     @property
     def skeleton(self) -> messages.Skeleton:
-        """The person's dimensions."""
+        """Dimensions of the person's body."""
         return skeleton(self.person, self._episodes.scene.posture)
 
     def body_poses(self) -> bytes:
-        """Returns the poses of ``bodies`` and marks, in the format of ``messages.State``."""
+        """Returns the poses of ``bodies`` and marks, encoded as in ``messages.State``."""
         return poses(self._episodes)
 
     def scene(self, number: int, registration: Registration) -> messages.Scene:
-        """Returns the scene for clients; ``number`` is the scene's number in its address."""
+        """Returns the description of the scene for clients. ``number``: number of the scene in its URL."""
         return scene_message(number, self._episodes, registration)
