@@ -21,7 +21,7 @@ register()
 
 
 def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv":
-    """Create a PettingZoo parallel environment with two agents, robot and human; see ``AssistiveParallelEnv``.
+    """Returns a PettingZoo parallel environment with two agents, robot and human; see ``AssistiveParallelEnv``.
 
     Raises:
         RuntimeError: if PettingZoo is not installed. The message contains the install command.
@@ -37,7 +37,7 @@ def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv
 
 
 def __getattr__(name: str) -> Any:
-    """Import ``avrgym.models`` at its first use, as in ``avrgym.models.human.Person``."""
+    """Returns ``avrgym.models``, which is imported at its first use, as in ``avrgym.models.human.Person``."""
     if name == "models":
         import_module("avrgym.models.human")
         return import_module("avrgym.models")

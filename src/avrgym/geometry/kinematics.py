@@ -243,8 +243,8 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J).
 
-    It is 0 at singularities and at most 1. It is the geometric mean of the eigenvalues of J W Jᵀ divided by their
-    arithmetic mean, for joints in ``Chain.units``: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
+    It is 0 at singularities and at most 1. For joints in ``Chain.units``, it is the geometric mean of the eigenvalues
+    of J W Jᵀ, divided by their arithmetic mean: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
     diag(``joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy
     of Kim and Khosla (IROS 1991).
     """
@@ -287,12 +287,12 @@ def inverse_kinematics(
     tolerance: float = 1e-4,
     precision: DTypeLike = np.float64,
 ) -> Solution:
-    """Solves the inverse kinematics by damped least squares, within the joint ranges (Wampler, IEEE Trans. SMC 16(1),
-    1986).
+    """Returns a solution of the inverse kinematics, by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986).
 
-    The damping is proportional to the squared error (Sugihara, IEEE Trans. Robotics 27(5), 2011). If a step would move
-    a joint beyond a limit, the step excludes this joint, as in projected Newton methods (Bertsekas, SIAM J. Control and
-    Optimization 20(2), 1982). A few iterations are enough to follow a moving target from the current positions.
+    Solutions are within the joint ranges. The damping is proportional to the squared error (Sugihara, IEEE Trans.
+    Robotics 27(5), 2011). A joint is excluded from a step that would move it beyond a limit. Projected Newton methods
+    use the same rule (Bertsekas, SIAM J. Control and Optimization 20(2), 1982). A few iterations are enough to follow a
+    moving target from the current positions.
 
     Args:
         chain: the arm.
@@ -301,7 +301,7 @@ def inverse_kinematics(
         start: (N, J), the initial joint positions.
         iterations: maximum number of steps. A step moves each joint by at most 0.5 ``Chain.units``.
         tolerance: the search of a row ends when its weighted error is at most this value, metres.
-        precision: data type of the computation; ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
+        precision: data type of the computation. ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
     target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
@@ -341,8 +341,8 @@ def inverse_kinematics_with_restarts(
 
     The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs by
     at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``restart_uniforms(J)``) determine them. The
-    result of a row is the first solution with errors below 5 mm and 0.05 rad, otherwise the best solution. Continuous
-    joints are wrapped to ±π.
+    result of a row is the first solution with errors below 5 mm and 0.05 rad. Without such a solution it is the best
+    one. Continuous joints are wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):

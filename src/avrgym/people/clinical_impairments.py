@@ -84,9 +84,10 @@ The elbow flexes towards its lower limit. Gravity extends it. Shares of the shou
 
 
 def sample_motor_signs(impairment: Impairment, uniforms: FloatArray) -> MotorSigns:
-    """Sample the motor signs of n people with a clinical impairment, from uniform random numbers (n, 1 + 20).
+    """Returns sampled motor signs of n people with a clinical impairment.
 
-    If the name of the impairment contains no severity, all severities are equally likely.
+    ``uniforms`` (n, 1 + 20) are uniform random numbers. If the name of the impairment contains no severity, all
+    severities are equally likely.
     """
     name, _, grade = impairment.partition(":")
     severity, grades = uniforms[:, 0], SEVERITIES[name]

@@ -154,10 +154,11 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 def sample_people(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
-    """Sample n people from uniform numbers (n, ``NUM_UNIFORMS``). Both sexes are equally likely.
+    """Returns n people, sampled from uniform numbers (n, ``NUM_UNIFORMS``). Both sexes are equally likely.
 
-    A random arm pose is rejected if it violates the shoulder limits, or if the arm is within 1 cm of body or furniture.
-    If all ``MAX_POSE_ATTEMPTS`` poses are rejected, the last pose is used, with the shoulders clipped to their limits.
+    A random arm pose is rejected if it violates the shoulder limits. It is also rejected if the arm is within 1 cm of
+    body or furniture. If all ``MAX_POSE_ATTEMPTS`` poses are rejected, the last pose is used, with the shoulders
+    clipped to their limits.
     """
     xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5

@@ -24,7 +24,7 @@ Exp. Brain Res. 119:483, 1998).
 EFFORT_DECAY_S, EFFORT_RAD, TERMINAL_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
 """Parameters of the intention tremor (assumptions).
 
-If the goal moved by more than 5° in the last second, the amplitude is at least half of its maximum. It is halved while
+The amplitude is at least half of its maximum if the goal moved by more than 5° in the last second. It is halved while
 the target moves at 0.2 rad/s.
 """
 DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)

@@ -79,7 +79,7 @@ class Bodies(NamedTuple):
 
 
 def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) -> Bodies:
-    """Sample n bodies from two arrays (n,) of uniform random numbers.
+    """Returns n bodies, sampled from two arrays (n,) of uniform random numbers.
 
     Each number is split into two random numbers: its first 26 bits and its remaining bits.
     """

@@ -68,7 +68,7 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
-    """Read a people file. It may contain poses for any of ``tasks``.
+    """Returns the content of a people file. The file may contain poses for any of ``tasks``.
 
     Raises:
         PeopleFileError: for an invalid value.
@@ -83,7 +83,7 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
 
 
 def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
-    """Parse the text of a people file. The messages of errors begin with ``name``.
+    """Returns the content of a people file, given its text. Error messages begin with ``name``.
 
     Raises:
         PeopleFileError: for an invalid value.

@@ -301,7 +301,7 @@ def _axis(name: str) -> str:
 
 
 def _skin_rows(model: mujoco.MjModel) -> dict[str, IntArray]:
-    """The rows of vertices, bones and materials of the person's skins, in the order of the skins' names."""
+    """Returns the rows of vertices, bones and materials of the person's skins, in the order of the skins' names."""
     names = sorted(
         model.skin(i).name for i in range(model.nskin) if model.skin(i).name.startswith(human.PREFIX)
     )
@@ -319,7 +319,7 @@ def _ranges(first: NumpyArray, count: NumpyArray) -> IntArray:
 
 
 def _person_skins(person: Person, episodes: "Episodes") -> dict[str, NumpyArray]:
-    """The model fields of a person's skins, in the order of ``_skin_rows``."""
+    """Returns the model fields of a person's skins, in the order of ``_skin_rows``."""
     scene = episodes.scene
     spec = mujoco.MjSpec()
     human.add_person(spec, person, scene.posture, moving=episodes.simulation.moving)

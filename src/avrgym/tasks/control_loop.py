@@ -184,7 +184,9 @@ class ControlLoop:
         )
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, A). A recorder stores the forces of each physics step.
+        """Take one control step with actions (N, A). Returns its result.
+
+        A recorder stores the forces of each physics step.
 
         Raises:
             ValueError: for actions that ``Episodes.validate_actions`` rejects. The worlds are then unchanged.
@@ -223,7 +225,7 @@ class ControlLoop:
         return actions is not None
 
     def _finish(self) -> Step:
-        """Evaluate the control step that ends now."""
+        """Evaluate the control step that ends now. Returns its result."""
         unrewarded = None if self._reward_withdrawal or self.withdrawal is None else self.withdrawal.driving
         outcome = self._episodes.evaluate_step(self._executed, unrewarded)
         if self.withdrawal is not None:

@@ -327,7 +327,7 @@ class Episodes:
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
-        """Take one control step with actions (N, A), see ``ControlLoop.step``.
+        """Take one control step with actions (N, A), see ``ControlLoop.step``. Returns its result.
 
         Raises:
             ValueError: for actions that ``validate_actions`` rejects. The worlds are then unchanged.
@@ -393,9 +393,10 @@ class Episodes:
         self._people.command(action)
 
     def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
-        """Evaluate the finished control step, given its actions (N, A). Remove particles that are no longer needed.
+        """Returns the result of the finished control step, given its actions (N, A).
 
-        Rewards and their terms become 0 in the worlds of the mask ``unrewarded`` (N,).
+        This also removes particles that are no longer needed. Rewards and their terms become 0 in the worlds of the
+        mask ``unrewarded`` (N,).
         """
         state = self.simulation.state()
         clipped = namespace(actions).clip(actions, -1.0, 1.0)
@@ -408,7 +409,7 @@ class Episodes:
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> Step:
-        """Evaluate the present state like a step with zero actions. Task states do not change."""
+        """Returns the result of a step with zero actions that ends in the present state. Task states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
             np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array

@@ -57,8 +57,8 @@ def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
 class SelfShape:
     """Capsules of a whole robot, and pairs of capsules that may collide.
 
-    ``arm`` contains all capsules. If a part does not move, the ``link`` of its capsules is −1, and their ends are in
-    the frame of the base. ``pairs`` (P, 2) are indices of capsules.
+    ``arm`` contains all capsules. Capsules of parts that do not move have the ``link`` −1. Their ends are in the frame
+    of the base. ``pairs`` (P, 2) are indices of capsules.
     """
 
     arm: ArmShape

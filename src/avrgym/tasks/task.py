@@ -81,7 +81,7 @@ class RunningEpisodes(Protocol):
         ...
 
     def state(self) -> State:
-        """The present physical state."""
+        """Returns the present physical state."""
         ...
 
 

@@ -191,7 +191,7 @@ class WorldPeople:
         )
 
     def reset(self, ids: IntArray, uniforms: FloatArray) -> People:
-        """Sample people for worlds ``ids`` (n,) and return them.
+        """Sample people for worlds ``ids`` (n,). Returns these people.
 
         ``uniforms`` (n, ``NUM_UNIFORMS``) are uniform random numbers.
         """
@@ -221,7 +221,7 @@ class WorldPeople:
         for_impairments: FloatArray,
         for_behaviour: FloatArray,
     ) -> People:
-        """Sample people (n,) of a population."""
+        """Returns sampled people (n,) of a population."""
         distribution, heights_m = population.distribution, self._settings.torso_height_m
         if heights_m is not None:
             distribution = replace(
@@ -245,7 +245,7 @@ class WorldPeople:
         return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
 
     def _sample_signs(self, chosen: IntArray, for_impairments: FloatArray) -> MotorSigns:
-        """Sample the motor signs of n people. ``chosen`` (n,) are the indices of their populations."""
+        """Returns sampled motor signs of n people. ``chosen`` (n,) are the indices of their populations."""
         signs = impaired_motion.unimpaired_signs(for_impairments[:, 1:])
         for number, population in enumerate(self._populations):
             if impairments.is_clinical(population.impairment):

@@ -1,7 +1,8 @@
 """Reward of arm manipulation: scooper at the forearm, forearm back on the armrest, and preferences of the person.
 
-Assistive Gym (Erickson et al., 2020) rewards two small distances. One is from the tool to the arm of a person in bed,
-the other from elbow and wrist to the torso. Here the person sits in a wheelchair, and the arm belongs on the armrest.
+Assistive Gym (Erickson et al., 2020) rewards two small distances. One is between the tool and the arm of a person in
+bed. The other is between the torso and elbow and wrist. Here the person sits in a wheelchair, and the arm belongs on
+the armrest.
 """
 
 from collections.abc import Mapping
@@ -75,7 +76,7 @@ def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationState) -> StepResult:
-    """Evaluate a step. For success, half of the forearm must be above the armrest for one second."""
+    """Returns the result of a step. For success, half of the forearm must be above the armrest for one second."""
     xp = namespace(state.tool_pos_w)
     share = returned_share(state)
     steps = xp.where(share >= SUCCESS_SHARE, task_state.steps_above + 1, 0)

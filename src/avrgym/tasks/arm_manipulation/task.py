@@ -43,8 +43,8 @@ LIMP_STRENGTH_SHARE = {
 }
 """Share of people's strength in the joints of the limp arm (assumption).
 
-The model compensates gravity. These torques resist the lift instead of the arm's weight: 0.75 N m at the elbow. At the
-shoulder they are 1.8 N m against a swing of the upper arm, and 0.3 N m against its lowering to the body.
+The model compensates gravity. Instead of the arm's weight, these torques resist the lift: 0.75 N m at the elbow. The
+shoulder resists a swing of the upper arm with 1.8 N m, and its lowering to the body with 0.3 N m.
 """
 START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
 """Maximum random offset of the scooper at the start, and largest x coordinate before this offset is added.

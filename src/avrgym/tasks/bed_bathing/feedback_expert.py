@@ -1,7 +1,7 @@
 """Feedback expert for bed bathing: wipes along the top of the arm to the hand, and back along the outer side.
 
 The angle around the arm determines the direction. The expert therefore needs no memory. Positions along the arm are 0
-to 1 on the upper arm, 1 to 2 across the elbow, and 2 to 3 on the forearm.
+to 1 on the upper arm and 2 to 3 on the forearm. Across the elbow they are 1 to 2.
 """
 
 import numpy as np

@@ -71,7 +71,10 @@ MARKERS = MAX_RINGS * MARKERS_PER_RING
 
 
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
-    """Create the markers: rings 3 cm apart with markers 3 cm apart. No marker is wiped. Thick arms have larger gaps."""
+    """Returns the initial task state: rings 3 cm apart with markers 3 cm apart, none wiped.
+
+    Thick arms have larger gaps.
+    """
     xp = namespace(uniforms)
     size = human.layout_of_people(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
@@ -90,7 +93,7 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState) -> StepResult:
-    """Evaluate a step: wipe markers under the cloth's wiping face, and compute the reward terms.
+    """Returns the result of a step: markers under the cloth's wiping face are wiped.
 
     The force at the target is the sum over the cloth's contacts within 2.5 cm of upper arm or forearm. All other
     contact forces are force elsewhere.

@@ -1,8 +1,8 @@
 """Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
 
 The arm is a path from the centre of the hand through wrist and elbow to the shoulder. The opening of the sleeve has
-passed a point of the path if its rim winds around the arm there. The reward increases with the covered length of the
-arm, and decreases with the forces on the person, as in Assistive Gym.
+passed a point of the path if its rim winds around the arm there. As in Assistive Gym, the reward increases with the
+covered length of the arm. It decreases with the forces on the person.
 """
 
 from collections.abc import Mapping
@@ -106,7 +106,7 @@ def init_state(people: People, uniforms: FloatArray) -> DressingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -> StepResult:
-    """Evaluate a step. The force elsewhere is the force of the robot's links and of the hoop."""
+    """Returns the result of a step. The force elsewhere is the force of the robot's links and of the hoop."""
     xp, path = namespace(state.tool_pos_w), arm_path(state)
     opening = locate_opening(state, path)
     dressed_m = xp.where(opening.around, opening.along_m, 0.0)

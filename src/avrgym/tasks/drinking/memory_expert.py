@@ -89,7 +89,7 @@ _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "le
 
 
 class MemoryExpert:
-    """Brings the cup to each of N mouths, waits while the person looks away, and pours when the mouth is at rest."""
+    """Brings the cup to each of N mouths. Waits while the person looks away, and pours while the mouth is at rest."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
         """Start at the present poses."""

@@ -59,7 +59,7 @@ def init_state(
 def evaluate_step(
     state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
 ) -> StepResult:
-    """Evaluate a step.
+    """Returns the result of a step.
 
     Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled.
     """

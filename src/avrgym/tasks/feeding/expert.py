@@ -16,10 +16,9 @@ TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in
 TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
 SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
 TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
-"""Candidate spoon poses.
+"""Candidate spoon poses: yaw, pitch, roll and height above the mouth.
 
-The values are the yaw from the direction into the face, the pitch, the roll towards the lips, and the height above the
-mouth.
+The yaw is relative to the direction into the face, the roll is towards the lips.
 """
 PIECE_COST_S = 3.0
 """Cost of each piece of food that may remain outside the mouth."""

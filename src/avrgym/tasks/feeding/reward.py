@@ -57,7 +57,7 @@ def evaluate_step(
     task_state: FeedingState,
     table_offset_m: Offset = (0.0, 0.0, 0.0),
 ) -> StepResult:
-    """Evaluate a step. Food within 2 cm of the mouth is eaten.
+    """Returns the result of a step. Food within 2 cm of the mouth is eaten.
 
     Food below 0.5 m, on the table or in the bowl is dropped. Eaten food, and food on the floor, is removed from the
     scene.

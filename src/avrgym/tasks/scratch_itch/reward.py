@@ -57,7 +57,7 @@ class ScratchItchState:
 
 
 def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
-    """Create an itch on the upper arm or forearm (equally likely).
+    """Returns the initial task state: an itch on the upper arm or forearm (equally likely).
 
     Its position along and around the limb is uniformly distributed.
     """
@@ -76,10 +76,10 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState) -> StepResult:
-    """Evaluate a step, with at most one new scratch.
+    """Returns the result of a step, with at most one new scratch.
 
-    A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. Its position (the force-weighted mean)
-    must have moved more than 1 cm in the limb's frame since the last scratch.
+    A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. Its position is the force-weighted mean
+    of the contacts. Since the last scratch, it must have moved more than 1 cm in the limb's frame.
     """
     xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
