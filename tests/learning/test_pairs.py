@@ -396,7 +396,7 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
         run("evaluate", SCRATCHING, "--policy", human), "is the policy of a trained human, not of a robot"
     )
     assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
-    assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
+    assert_refused(run(*evaluation, resized_path), "allowed in avrgym/ScratchItchJaco-v1: 41 and 7")
     assert_refused(run(*evaluation, tmp_path / "empty"), "contains no trained human; allowed: a folder of")
     assert_refused(
         run("train", FEEDING, "--people", human, "--out", tmp_path / "no"), "this human was trained for"

@@ -177,7 +177,9 @@ class _SexModel:
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera.name).id
         model.geom_group[:] = np.where(self._outside(camera, view.fixedcamid), HIDDEN_GROUP, self._groups)
         mujoco.mjv_updateScene(model, self._data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, scene)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)  # binds it for both models
+        mujoco.mjr_setBuffer(
+            mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context
+        )  # both models use this buffer
         rect = mujoco.MjrRect(0, 0, camera.width_px, camera.height_px)
         colours = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
         depth = np.empty((camera.height_px, camera.width_px), np.float32)
@@ -254,7 +256,7 @@ def graphics_error() -> str | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             mujoco.Renderer(mujoco.MjSpec().compile(), 1, 1).close()
-    except Exception as error:  # each graphics library has exceptions of its own
+    except Exception as error:  # each graphics library raises its own exceptions
         return f"{type(error).__name__}: {error}"
     return None
 

@@ -466,7 +466,7 @@ class Episodes:
             RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         if self._images is None or self._images.cameras != tuple(cameras):
-            from avrgym.tasks.camera_images import CameraImages  # states alone load no graphics library
+            from avrgym.tasks.camera_images import CameraImages  # loads a graphics library
 
             self.close_images()
             self._images = CameraImages(self, cameras)

@@ -61,7 +61,7 @@ class Registry:
             task.observation(task.scene(robot))
         except UnsuitableRobotError:
             return False
-        except (Exception, SystemExit) as error:  # other people's code may raise anything
+        except (Exception, SystemExit) as error:  # plug-ins may raise any exception
             self.broken.append(plugins.log_skipped(environment_id(task.name, robot.name), error))
             return False
         return True

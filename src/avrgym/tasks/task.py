@@ -269,7 +269,7 @@ class Task:
             return self
         if self.variant is None:
             raise ValueError(f"task {self.name} has no setting {given[0]!r}; remove this setting")
-        # Settings of the scene do not make another variant.
+        # Scene settings do not change the task.
         return self.variant(Settings(**{name: getattr(settings, name) for name in given}))
 
     def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
