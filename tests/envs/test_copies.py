@@ -19,7 +19,7 @@ CASES = [
 ]
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("environment", "how", "people", "mode"), CASES)
 def test_a_copy_of_many_worlds_goes_on_to_the_same_bits(environment, how, people, mode, rng) -> None:
     """Through the rest of the episode and into the next, whatever the first one does meanwhile."""

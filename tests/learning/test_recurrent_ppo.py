@@ -75,7 +75,7 @@ def test_ppo_increases_the_reward():
     assert rewards[-1] > -0.35
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("worlds", "minibatches"), [(8, 1), (64, 4), (65, 5), (160, 8)])
 def test_the_number_of_minibatches_is_limited(worlds: int, minibatches: int) -> None:
     network, ppo = started()

@@ -182,6 +182,7 @@ def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
         write_gif(recording, out, first_person=False, progress=nothing)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("first_person", [False, True])
 def test_a_strip_shows_the_trial_from_its_beginning_to_its_end(
     recording: Recording, tmp_path: Path, first_person: bool

@@ -89,6 +89,7 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
         assert deepest_overlap_m(episodes) == 0.0
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     ("pose", "words"),
     [

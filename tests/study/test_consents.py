@@ -200,7 +200,9 @@ def test_allocated_participant_must_reconsent(folder: Path) -> None:
     raise_version(folder)
     with Store(folder) as store:
         for begin in (open_session, StudyVisit):
-            with pytest.raises(StudyError, match=r"agreed to version 1 .*; the current version is 2: re-consent"):
+            with pytest.raises(
+                StudyError, match=r"agreed to version 1 .*; the current version is 2: re-consent"
+            ):
                 begin(store, pseudonym)
         assert len(store.sessions(pseudonym)) == 1
         record_consent(store, pseudonym)

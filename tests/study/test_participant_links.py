@@ -158,6 +158,7 @@ def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, 
 # One session, one link ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_link_opens_one_session(served: Served) -> None:
     german, other = take_in_german(served.store), enrol_with_consent(served.store)
     served.sessions.begin(german)

@@ -88,7 +88,7 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
     assert (tmp_path / "out/tables/headset_checks.csv").is_file()
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     ("stop", "after_s", "row", "shown"),
     [

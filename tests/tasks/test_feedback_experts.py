@@ -39,7 +39,7 @@ def test_a_feedback_expert_depends_on_the_present_only(environment):
     assert np.abs(expected).max() <= 1.0 + 1e-9
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_brings_the_tool_nearer(environment):
     episodes = reset_episodes(environment, 8)

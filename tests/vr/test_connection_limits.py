@@ -78,6 +78,7 @@ def test_small_messages_are_sent_without_delay(
         assert all(taken.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for taken in accepted)
 
 
+@pytest.mark.slow
 def test_of_too_many_strangers_the_longest_silent_goes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,6 +178,7 @@ def test_silence_is_closed(
             listening.hears_more(StateChange)
 
 
+@pytest.mark.slow
 def test_drop_by_drop_is_no_request(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

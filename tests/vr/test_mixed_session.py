@@ -262,6 +262,7 @@ def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
     assert happened(session, session_events.TrialEnded)[0].result == "interrupted"
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     "kind", [session_events.TrialBegun, session_events.Answered, session_events.TrialEnded]
 )

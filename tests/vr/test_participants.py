@@ -116,6 +116,7 @@ def test_a_cooperative_participant_moves_the_arm_to_the_tool() -> None:
     assert 0.01 < np.linalg.norm(half - still) < np.linalg.norm(full - still)
 
 
+@pytest.mark.fast_cases(8)
 @pytest.mark.parametrize("people", ["original", "zoo/unseen"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
 def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: str, impairment: Impairment):

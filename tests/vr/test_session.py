@@ -506,6 +506,7 @@ def random_person(sex: Sex, seed: int) -> SimulatedParticipant:
     return SimulatedParticipant(draw_traits(sex, seed), seed)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("sex", human.SEXES)
 def test_torso_heights_are_measured_within_5_mm(visit: Callable[..., Visit], sex: Sex) -> None:
     for seed in range(4):
@@ -528,6 +529,7 @@ COMFORTABLE_DEG = {
 }  # fmt: skip
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("sex", human.SEXES)
 def test_the_simulated_body_goes_where_the_participant_is(visit: Callable[..., Visit], sex: Sex) -> None:
     random = np.random.default_rng(11)

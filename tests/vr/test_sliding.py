@@ -64,7 +64,7 @@ def sitting(folder: Path, **changes: float) -> Slider:
     return visit
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("way_m", SLIDES, ids=str)
 def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tuple[float, float]) -> None:
     visit = sitting(tmp_path)

@@ -66,7 +66,7 @@ def test_a_wrist_is_the_grip_of_the_same_hand(side: Side, rng: np.random.Generat
         )
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("gap_s", GAPS_S)
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("way", WAYS)
@@ -222,7 +222,7 @@ def farthest(
     return found
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("gap_s", [0.0, 0.3])
 @pytest.mark.parametrize("way", WAYS)
 def test_the_simulated_hand_stays_where_it_is(

@@ -89,7 +89,7 @@ def told(recording: Recording) -> list[tuple[str, str]]:
 # Sessions ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDED)
 def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
@@ -139,7 +139,7 @@ def lost(kind: str, part: BodyPart) -> list[BodyPart]:
     return list(BODY_PARTS) if (kind, part) == ("missing", "head") else [part]
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDLESS)
 def test_a_part_that_the_task_does_not_need_ends_nothing(
@@ -217,7 +217,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
     assert asleep.happened(session_events.TrackingTimedOut) == ["head"]
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("task", NAMES)
 def test_whoever_takes_part_with_a_mouse_and_keeps_still_is_tracked(tmp_path: Path, task: str) -> None:
     visit = visiting(tmp_path, task, steps=15)

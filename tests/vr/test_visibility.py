@@ -64,7 +64,7 @@ def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
     assert blocked.received(Status)[-1].visibility == visibility
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
     visit: Callable[..., Visit], visibility: Visibility
@@ -85,6 +85,7 @@ def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
     assert [result(each) for each in blocked.recordings()] == ["interrupted", "completed"]
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", ["continue", "repeat", "skip"])
 def test_the_experimenter_begins_no_trial_in_their_place(
     visit: Callable[..., Visit], name: CommandName
@@ -163,6 +164,7 @@ def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., 
     assert verify(recording).identical
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("phase", ["free_after", "questionnaire"])
 def test_afterwards_nothing_is_lost(visit: Callable[..., Visit], phase: str) -> None:
     finished = visit(free_movement_s=1.0)
