@@ -19,7 +19,7 @@ FORMATS: Mapping[str, str] = {
     "lerobot": "lerobot",
     "minari": "minari",
 }
-"""The module that writes each format."""
+"""The module that writes each format, by format name."""
 FORMATS_WITH_RECORDS = ("csv", "bids")
 """Formats that contain events and experimenters' texts. Other formats contain only trials."""
 FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
@@ -27,7 +27,7 @@ FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
 LEFT_OUT_FILE = "left_out.csv"
 """File name of the table of omitted recordings."""
 WriteFormat = Callable[..., None]
-"""Function that writes undamaged completed attempts into a folder. ``FORMATS_WITH_RECORDS`` also accept extras."""
+"""Function that writes attempts into a folder. Functions of ``FORMATS_WITH_RECORDS`` also accept ``extras``."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -46,26 +46,23 @@ def export_study(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     report: Callable[[str], None] = lambda text: None,
 ) -> int:
-    """Export a study into a new or empty folder. After an error, the folder does not exist.
+    """Export a study into a new or empty folder. Returns the number of files. After an error, no folder remains.
 
-    Every recording of a completed trial is first read and compared with its checksum.
+    First, the checksum of every recording of a completed trial is verified.
 
     Args:
         store: the study.
         data_format: one of ``FORMATS``.
         out: the folder.
-        extras: data that are exported only on request.
-        cameras: cameras of each control step, such as ``wrist:128x96:rgb+depth``, rendered from the recorded states.
+        extras: whether to export free text and health data.
+        cameras: camera images to render for each control step, such as ``wrist:128x96:rgb+depth``.
         skip_damaged: omit damaged and missing recordings, and list them in ``left_out.csv``.
-        progress: called after each recording with the number of verified recordings and their total number.
+        progress: called after each recording, with the number of verified recordings and their total number.
         report: called with the name of each omitted recording and the reason.
 
-    Returns:
-        The number of files.
-
     Raises:
-        StudyError: for an unknown format, extras or cameras that the format cannot contain, an unknown camera, a folder
-            that is not empty, or a damaged or missing recording; also if a package of ``avrgym[export]`` is missing.
+        StudyError: for an unknown format or camera, or for extras or cameras that the format cannot contain. Also for
+            a folder that is not empty, a damaged or missing recording, or a missing package of ``avrgym[export]``.
         RuntimeError: if rendering fails.
     """
     if data_format not in FORMATS:
@@ -117,7 +114,7 @@ def _write(
 
 
 def _add_losses(store: Store, folder: Path) -> None:
-    """Append sentences to the README files about data that were lost with the study's database."""
+    """Append sentences about a loss of the study's database to the README files."""
     words = describe_data_loss(store)
     for path in folder.rglob("README*") if words else ():
         with path.open("a", encoding="utf-8") as file:

@@ -1,8 +1,8 @@
 """Export a study in BIDS with its motion extension (https://bids-specification.readthedocs.io, version 1.11).
 
-Each completed trial is a run. A run contains the tracked head and hands, a LATENCY channel, events, and samples of
-other devices; the session's scans file has a row for it. Answers are in ``phenotype``, with a column for each
-condition and item.
+Each completed trial is a run. A run contains the tracked poses of head and hands, a LATENCY channel, events, and
+samples of other devices. The session's scans file has a row for each run. Answers are in ``phenotype``, with a column
+for each condition and item.
 """
 
 import gzip
@@ -26,7 +26,7 @@ from avrgym.study.storage.store import Store
 
 BIDS_VERSION = "1.11.1"
 TRACKED_POINTS = {"head": "head", "left": "left_hand", "right": "right_hand"}
-"""BIDS name of the tracked point, by field of a tracking frame."""
+"""BIDS names of the tracked points, by field of ``TrackingFrame``."""
 RECORDS_FOLDER = "sourcedata"
 """Folder for events, adverse events and notes. BIDS does not define its contents."""
 AXES = ("x", "y", "z")
@@ -45,7 +45,7 @@ def write(
     folder: Path,
     extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
-    """Write completed attempts as a BIDS data set."""
+    """Write completed attempts as a BIDS dataset into a folder."""
     write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
     (folder / ".bidsignore").write_text(f"{LEFT_OUT_FILE}\n", encoding="utf-8")
@@ -150,7 +150,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 
 def _write_series(series: StreamSeries, exported: ExportedAttempt, path: Path) -> None:
-    """Write samples as gzip, without name and date: equal studies give equal bytes. Also write their JSON file."""
+    """Write samples as gzip, and their JSON sidecar. The gzip file has no date, so equal studies give equal bytes."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
@@ -160,7 +160,7 @@ def _write_series(series: StreamSeries, exported: ExportedAttempt, path: Path) -
 def _write_events(
     events: Sequence[tuple[int, Event]], start_s: float, path: Path, corrected: Mapping[str, Any]
 ) -> None:
-    """Write events; onsets count from the first tracking frame. ``corrected``: time corrections of text streams."""
+    """Write events with onsets from the first tracking frame. ``corrected``: time corrections of text streams."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
         for time_ns, event in sorted(events, key=lambda timed: timed[0])
@@ -241,9 +241,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Returns whether the person model followed the tracked pose of this part: the pose was not lost, stale or
-    rejected.
-    """
+    """Returns whether the person model used the tracked pose of a body part: not untracked, stale or rejected."""
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
@@ -275,7 +273,7 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    """Returns the name of an item or questionnaire, with only characters that are valid in file names."""
+    """Returns the name of an item or questionnaire without characters that are invalid in file names."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
 
 
@@ -285,10 +283,9 @@ def _rows_of_answers(
     questionnaire: Questionnaire,
     answered_items: AnsweredItems,
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Returns one row for each participant with answers, with a column for each condition (or session) and item.
+    """Returns one row for each participant, and the item id of each column.
 
-    Returns:
-        The rows, and the item's id by column.
+    A row has a column for each item and condition, or for each item and session.
     """
     rows: list[dict[str, Any]] = []
     item_by_column: dict[str, str] = {}

@@ -28,30 +28,31 @@ ROWS: Mapping[str, type] = {
     "notes": rows.NoteRow,
     "left_out": rows.OmittedAttemptRow,
 }
-"""The row type of each table."""
+"""The row type of each table, by table name."""
 TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, row in ROWS.items()}
-"""The columns of each table, without columns that depend on the design."""
+"""The columns of each table, by table and column name, without columns that depend on the design."""
 INSTRUMENT_TABLES = ("scores", "scales")
-"""Tables that only studies with validated questionnaires have."""
+"""Tables that exist only if the study uses validated questionnaires."""
 RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
 """Tables of events and of experimenters' texts."""
 
 
 def reward_terms(design: Design) -> list[str]:
-    """Returns all reward terms of the design's tasks. Each term has a column in the table of control steps."""
+    """Returns the names of all reward terms of the design's tasks. ``control_steps`` has a column for each term."""
     return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 
 def action_size(design: Design) -> int:
-    """Returns the largest number of action components of the design's robots. Each has a column in the table of control
-    steps.
+    """Returns the largest number of action components of the design's robots.
+
+    The table ``control_steps`` has a column for each component.
     """
     robots = [find_robot(name) for name in design.robots]
     return max(len(robot.action_names(arm)) for robot in robots for arm in robot.arms.values())
 
 
 def table_columns(table: str, design: Design) -> Mapping[str, Column]:
-    """Returns all columns of a table, in order."""
+    """Returns all columns of a table for a design, by name, in order."""
     if table != "control_steps":
         return TABLES[table]
     terms = {
@@ -70,14 +71,14 @@ def table_columns(table: str, design: Design) -> Mapping[str, Column]:
 
 
 def codebook(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
-    """Yields one row for each column of the tables."""
+    """Yields one row of the codebook for each column of the tables. ``tables``: table names."""
     for table in tables:
         for name, column in table_columns(table, design).items():
             yield {"table": table, "column": name, **asdict(column)}
 
 
 def _unit(term: str) -> str:
-    """Returns the unit of a reward term, from the end of its name."""
+    """Returns the unit of a reward term, from the suffix of its name; ``1`` without a unit suffix."""
     for ending, unit in (("_m_s", "m/s"), ("_rad", "rad"), ("_m", "m"), ("_n", "N")):
         if term.endswith(ending):
             return unit

@@ -1,4 +1,4 @@
-"""Counts of answers about functioning and assistive devices; small counts are suppressed."""
+"""Counts of answers about functioning and assistive devices. Small counts are suppressed to protect privacy."""
 
 from collections.abc import Iterator, Sequence
 
@@ -16,7 +16,7 @@ NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """Yields, for each question about functioning, the number of analysed participants by answer."""
+    """Yields the number of analysed participants for each question about functioning and each answer."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
@@ -30,7 +30,10 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
 
 
 def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
-    """Suppress small counts, and counts from which small counts could be computed; suppressed counts are ``None``."""
+    """Returns the counts with ``None`` for suppressed counts.
+
+    Suppressed are counts below ``min_group_size``, and counts from which these could be computed.
+    """
     hidden = {place for place, number in enumerate(counts) if 0 < number < min_group_size}
     while hidden and (sum(counts[place] for place in hidden) < min_group_size or len(hidden) < 2):
         shown = [place for place, number in enumerate(counts) if number and place not in hidden]
@@ -41,7 +44,7 @@ def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> lis
 
 
 def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRow]:
-    """Yields each person's answers. The diagnosis is included only with ``free_text``."""
+    """Yields each participant's answers about functioning. The diagnosis is included only with ``free_text``."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:
@@ -59,7 +62,7 @@ def _answers(person: Participant) -> Functioning | None:
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
-    """Returns whether a person (not simulated) takes part and has a completed trial that is not practice."""
+    """Returns whether a real participant takes part and has a completed trial that is not a practice trial."""
     return (
         not person.simulated
         and person.state in PARTICIPATING

@@ -1,7 +1,7 @@
-"""Export a study as LeRobot datasets (format v3.0), one for each environment, without video.
+"""Export a study as LeRobot datasets (format v3.0) without video; one dataset for each environment.
 
 Format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. Colour images are stored as PNG in the table (type
-``image`` of the format); depth and segmentation images are arrays.
+``image`` of the format). Depth and segmentation images are stored as arrays.
 """
 
 import io
@@ -28,7 +28,7 @@ LEROBOT_VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Quantiles by their names in the format. Policies with quantile normalisation need q01 and q99."""
+"""Quantiles, by their names in the format. Policies with quantile normalisation need q01 and q99."""
 IMAGES = "observation.images"
 Columns = Mapping[str, NumpyArray]
 
@@ -36,7 +36,7 @@ Columns = Mapping[str, NumpyArray]
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
-    """Write completed attempts as LeRobot datasets."""
+    """Write completed attempts as LeRobot datasets into a folder. ``cameras``: see ``export_study``."""
     (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
         _write_dataset(attempts, folder / scene, cameras)
@@ -71,8 +71,9 @@ def _task(exported: ExportedAttempt) -> str:
 def _columns(
     exported: ExportedAttempt, episode: int, start: int, task: int, cameras: Sequence[str]
 ) -> Columns:
-    """Returns the values of one trial by feature: (steps,), (steps, size), or images (steps, H, W) or (steps, H, W,
-    3).
+    """Returns the values of one attempt, by feature.
+
+    Shapes: (steps,), (steps, size), and (steps, H, W) or (steps, H, W, 3) for images.
     """
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
@@ -120,9 +121,9 @@ def _episode(
 
 
 def statistics(values: NumpyArray) -> dict[str, list[float]]:
-    """Returns the statistics of a feature over all frames; each has a value for every component of the feature.
+    """Returns the statistics of a feature over all frames, by name, with a value for each component.
 
-    Quantiles are computed over all frames. Averages over the quantiles of episodes would be too narrow.
+    Quantiles are computed over all frames. The mean of the episodes' quantiles would have a range that is too small.
     """
     if values.ndim > 2:
         return _image_statistics(values)
@@ -138,10 +139,9 @@ def statistics(values: NumpyArray) -> dict[str, list[float]]:
 
 
 def _image_statistics(images: NumpyArray) -> dict[str, Any]:
-    """Returns the statistics of images (frames, H, W) or (frames, H, W, 3) by channel, as nested lists (channels, 1,
-    1).
+    """Returns the statistics of images (frames, H, W) or (frames, H, W, 3) for each channel.
 
-    Colours are from 0 to 1, as in LeRobot.
+    Each statistic is a nested list of shape (channels, 1, 1). Colours are from 0 to 1.
     """
     scale = 255.0 if images.dtype == np.uint8 else 1.0
     channels = images.reshape(-1, images.shape[3] if images.ndim == 4 else 1) / scale
@@ -177,7 +177,7 @@ def _png(image: NumpyArray) -> bytes:
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
-    """Returns the table of task numbers; the pandas index contains the tasks' texts."""
+    """Returns the table of task numbers. Its pandas index contains the task texts."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -221,7 +221,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """Returns the names of the components of observation and action, by feature."""
+    """Returns the component names of observation and action, by feature."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": value_names(task.observation(scene)), "action": list(scene.action_names)}

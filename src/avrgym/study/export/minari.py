@@ -1,8 +1,8 @@
-"""Export a study as Minari datasets (https://minari.farama.org) in HDF5, one for each environment.
+"""Export a study as Minari datasets (https://minari.farama.org) in HDF5; one dataset for each environment.
 
-With ``MINARI_DATASETS_PATH`` set to the folder, ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens a dataset.
-Recordings contain no observation after the last step, so the last observation is repeated. All trials are truncated,
-because they end after a fixed time.
+To open a dataset, set ``MINARI_DATASETS_PATH`` to the folder and call
+``minari.load_dataset("avrgym/FeedingJaco/study-v0")``. Recordings contain no observation after the last step, so the
+last observation is repeated. All trials are truncated, because they end after a fixed time.
 """
 
 import json
@@ -23,7 +23,7 @@ MINARI_VERSION = "0.5.0"
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
-    """Write completed attempts as Minari datasets."""
+    """Write completed attempts as Minari datasets into a folder."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
         data = folder / "avrgym" / scene / "study-v0" / "data"
@@ -38,7 +38,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 
 def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) -> tuple[int, int, int]:
-    """Write one trial. Returns the number of steps, and the sizes of observation and action."""
+    """Write one attempt as an episode. Returns the number of steps, and the sizes of observation and action."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     actions = np.array([control.action for control in steps], np.float32)
@@ -75,6 +75,6 @@ def _metadata(
 
 
 def _box(size: int, bound: float, dtype: str) -> str:
-    """Returns a box space in Minari's JSON format."""
+    """Returns a Gymnasium ``Box`` space in Minari's JSON format."""
     ends = {"low": [-bound] * size, "high": [bound] * size}
     return json.dumps({"type": "Box", "dtype": dtype, "shape": [size], **ends})

@@ -33,7 +33,7 @@ from avrgym.system.files import private_opener
 
 INDEX_FILE = "README.md"
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
-"""Events whose detail can contain pseudonyms of other participants."""
+"""Names of events whose detail can contain pseudonyms of other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
@@ -55,17 +55,16 @@ FILE_CONTENTS: Mapping[str, str] = {
     "the libraries of MCAP open these files.",
     "codebook.csv": "The description of each column, with unit and allowed values.",
 }
-"""Description of each file in the archive, in the order of the index."""
+"""Description of each file in the archive, by file name, in the order of the index."""
 
 
 def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
-    """Write all data of one participant to a new ZIP archive that only the user of this process can read.
+    """Write all data of one participant to a new ZIP archive. Returns the number of files.
 
-    Returns:
-        The number of files.
+    Only the user of this process can read the archive.
 
     Raises:
-        StudyError: for an unknown participant or an existing file.
+        StudyError: for an unknown participant, or if the file exists.
         OSError: if the archive cannot be written.
     """
     person = store.participant(pseudonym)
@@ -133,7 +132,7 @@ def _without_others(row: EventRow) -> EventRow:
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:
-    """Pack the index, the files of a folder and the recordings. Returns all file names."""
+    """Write index, files of a folder and recordings into the archive. Returns all file names."""
     recordings = store.folder / RECORDINGS / person.pseudonym
     files = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
     files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}

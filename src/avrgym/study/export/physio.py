@@ -1,4 +1,4 @@
-"""Export streams of other devices in BIDS: physiological recordings, eye tracking, and marks (text streams)."""
+"""Export streams of other devices in BIDS: physiological signals, eye tracking, and text streams (event markers)."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,10 +34,11 @@ CORRECTION_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class StreamSeries:
-    """Samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
+    """Samples of one stream.
 
-    ``columns``: column names. ``labels`` and ``units``: the device's channel names and units. ``time_corrections``:
-    description of time corrections, empty without any.
+    ``time_s``: times of samples (n,), from the first tracking frame. ``values``: samples (n, columns). ``columns``:
+    column names. ``labels`` and ``units``: the device's channel names and units. ``time_corrections``: description of
+    time corrections; empty without corrections.
     """
 
     stream: Stream
@@ -49,12 +50,12 @@ class StreamSeries:
     time_corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
-        """Yields the time and values of each sample; ``None`` for values that are not finite."""
+        """Yields time (s) and values of each sample; values that are not finite become ``None``."""
         for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
             yield [time_s, *(value if isfinite(value) else None for value in row)]
 
     def sidecar(self) -> dict[str, Any]:
-        """Returns the contents of the JSON file that describes the samples."""
+        """Returns the contents of the BIDS sidecar: the JSON file that describes the samples."""
         stream, lasted_s = self.stream, float(np.ptp(self.time_s))
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.columns[:2]) == COORDINATES
@@ -75,7 +76,7 @@ class StreamSeries:
 
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[StreamSeries]:
-    """Yields the numeric streams of a recording. ``start_s``: time of the first tracking frame."""
+    """Yields the samples of each numeric stream of a recording. ``start_s``: time of the first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in stream_chunks(topics, name) if each[1].values]
         if chunks:
@@ -84,9 +85,7 @@ def recorded_series(topics: Topics, start_s: float) -> Iterator[StreamSeries]:
 
 
 def text_events(topics: Topics) -> list[tuple[int, Event]]:
-    """Returns the samples of text streams as events, with their times in nanoseconds. The event's name is the stream's
-    name.
-    """
+    """Returns the samples of text streams as events, with their times (ns). The event's name is the stream's name."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
         for name, chunks in _text_chunks(topics)
@@ -97,7 +96,7 @@ def text_events(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_text_streams(topics: Topics, start_s: float) -> dict[str, Any]:
-    """Returns the time corrections of each text stream that has any, by stream name."""
+    """Returns the time corrections of text streams, by stream name. Streams without corrections are omitted."""
     found = {
         name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)
     }
@@ -110,7 +109,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
 
 
 def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
-    """Returns the description of a stream's time corrections, for the JSON file; empty without corrections."""
+    """Returns the description of a stream's time corrections for the sidecar; empty without corrections."""
     if not times.resets and not times.raised:
         return {}
     return {
@@ -123,7 +122,7 @@ def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
 
 
 def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> StreamSeries:
-    """Returns the stream's columns in the device's order, with gaze coordinates first."""
+    """Returns the samples with columns in the device's order. Gaze coordinates are the first columns."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
@@ -148,8 +147,9 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
 
 
 def _column_names(labels: Sequence[str]) -> dict[int, str]:
-    """Returns a unique name for each column: letters and digits of the channel's label, with a number for
-    duplicates.
+    """Returns a unique column name for each channel, by channel number.
+
+    The name contains the letters and digits of the channel's label. Duplicates get a number.
     """
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
@@ -160,7 +160,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
 
 
 def _ends_with(label: str, axis: str) -> bool:
-    """Returns whether a channel's label ends with the axis as a word. A unit in brackets is ignored."""
+    """Returns whether the last word of a channel's label is the axis. A unit in brackets is ignored."""
     words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
     return bool(words) and words[-1] == axis
 

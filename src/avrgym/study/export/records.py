@@ -1,6 +1,6 @@
 """Export events, adverse events, notes and the audit log.
 
-Free text may contain names of people. Free text and names of experimenters are exported only on request.
+Free text may contain names of people. Free text and names of experimenters are exported only with ``free_text``.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,15 +21,16 @@ from avrgym.system.columns import Column
 from avrgym.system.files import write_folder_atomically
 
 FREE_TEXT_EVENTS = ("participant withdrawn",)
-"""Events whose detail is free text of an experimenter."""
+"""Names of events whose detail is free text of an experimenter."""
 Rows = Sequence[object]
 
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Data that are exported only on request.
+    """Options of an export.
 
-    ``free_text``: free text, and names of experimenters. ``health``: each person's answers about functioning.
+    ``free_text``: export free text and names of experimenters. ``health``: export each participant's answers about
+    functioning.
     """
 
     free_text: bool = False
@@ -37,11 +38,11 @@ class ExportOptions:
 
 
 DEFAULT_EXPORT_OPTIONS = ExportOptions()
-"""No data that are exported only on request."""
+"""Export neither free text nor health data."""
 
 
 def record_tables(store: Store, extras: ExportOptions) -> dict[str, Rows]:
-    """Returns the rows of the tables of events, adverse events, functioning and notes, by table name."""
+    """Returns the rows of events, adverse events, functioning and notes, by table name. ``extras``: export options."""
     people = store.participants()
     tables: dict[str, Rows] = {
         "events": list(event_rows(store, people, extras)),
@@ -81,7 +82,7 @@ def event_rows(store: Store, people: Iterable[Participant], extras: ExportOption
 def adverse_event_rows(
     store: Store, people: Iterable[Participant], extras: ExportOptions
 ) -> Iterator[AdverseEventRow]:
-    """Yields all reports of all adverse events of these participants."""
+    """Yields all reports of the adverse events of these participants."""
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}
         for event in group_by_event(store.adverse_events(person.pseudonym)):
@@ -111,7 +112,7 @@ def adverse_event_rows(
 
 
 def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
-    """Yields experimenters' notes about these participants."""
+    """Yields the experimenters' notes about these participants."""
     for person in people:
         sessions = _session_numbers(store, [person])
         for note in store.notes(person.pseudonym):
@@ -120,7 +121,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
 
 
 def log_rows(store: Store, extras: ExportOptions) -> Iterator[LogRow]:
-    """Yields all entries of the audit log. Each experimenter has a number, or with ``free_text`` a name."""
+    """Yields all entries of the audit log. A number replaces each person's name, unless ``free_text`` is set."""
     entries, sites = store.log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}
@@ -144,7 +145,7 @@ def log_rows(store: Store, extras: ExportOptions) -> Iterator[LogRow]:
 def write_adverse_events(store: Store, out: Path) -> None:
     """Write all reports of adverse events with free text, and a codebook, into a new folder.
 
-    Only its owner can open the folder.
+    Only the owner of the folder can open it.
 
     Raises:
         StudyError: if the folder is not empty.
@@ -157,7 +158,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
 
 
 def write_table(folder: Path, name: str, rows: Rows) -> None:
-    """Write a table as TSV, and the descriptions of its columns as JSON."""
+    """Write a table as TSV, and the descriptions of its columns as JSON. ``name``: a key of ``codebook.TABLES``."""
     columns = TABLES[name]
     write_tsv(folder / f"{name}.tsv", [list(columns), *(list(row_values(row).values()) for row in rows)])
     write_json(folder / f"{name}.json", {name: _described(column) for name, column in columns.items()})
@@ -181,7 +182,7 @@ def _session_participants(store: Store) -> dict[int, int]:
 
 
 def _attempts(store: Store, people: Iterable[Participant]) -> dict[int, tuple[Trial, TrialAttempt]]:
-    """Returns the trial and attempt, by the attempt's id."""
+    """Returns trial and attempt of each attempt, by the attempt's id."""
     found: dict[int, tuple[Trial, TrialAttempt]] = {}
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}

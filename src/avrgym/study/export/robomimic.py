@@ -1,8 +1,8 @@
-"""Export a study as robomimic demonstrations, one HDF5 file for each environment.
+"""Export a study as robomimic demonstrations; one HDF5 file for each environment.
 
 Format: https://robomimic.github.io/docs/datasets/overview.html. Recordings contain no observation after the last
-step, so the last entry of ``next_obs`` repeats the last observation. robomimic expects the name ``flat`` for vector
-observations, so ``flat`` is a second name of ``observation``.
+step, so the last entry of ``next_obs`` repeats the last observation. ``flat`` is a second name of ``observation``,
+because robomimic uses the name ``flat`` for vector observations.
 
 ``create_env_from_metadata`` creates the environments with the module ``old_gym``.
 """
@@ -19,16 +19,16 @@ from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 
 ENV_TYPE_GYM = 2
-"""robomimic's number for Gym environments."""
+"""Environment type of Gym environments in robomimic."""
 ENV_MODULE = "old_gym"
-"""The module that Gym imports before it creates an environment."""
+"""Module that Gym imports before it creates an environment."""
 OBSERVATION, OBSERVATION_ALIAS = "observation", "flat"
 
 
 def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
-    """Write completed attempts as robomimic files."""
+    """Write completed attempts as robomimic files into a folder. ``cameras``: see ``export_study``."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
@@ -53,7 +53,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: S
 
 
 def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
-    """For each filter key of robomimic: whether each demonstration belongs to the key."""
+    """Returns, for each filter key of robomimic, whether each demonstration belongs to the key."""
     practice = [exported.trial.practice for exported in attempts]
     simulated = [exported.participant.simulated for exported in attempts]
     success = [bool(exported.attempt.metrics.success) for exported in attempts]
@@ -73,7 +73,7 @@ def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
 
 
 def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: Sequence[str]) -> int:
-    """Write one trial. Returns the number of samples."""
+    """Write one attempt as a demonstration. Returns the number of samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     for name, value in vars(exported.identifiers()).items():

@@ -1,4 +1,4 @@
-"""Rows of the exported tables. Each field contains the description of its column."""
+"""Rows of the exported tables. The annotation of each field describes its column."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -191,7 +191,7 @@ class TrialRow:
 
 @dataclass(frozen=True)
 class AttemptIdentifiers:
-    """Fields that identify one attempt."""
+    """Columns that identify an attempt."""
 
     participant: Pseudonym
     site: Site
@@ -241,14 +241,14 @@ class AttemptRow(AttemptIdentifiers):
 
 @dataclass(frozen=True)
 class OmittedAttemptRow(AttemptIdentifiers):
-    """An attempt whose recording was omitted."""
+    """One attempt whose recording was not exported."""
 
     reason: Annotated[str, Column("Why the recording was left out.")]
 
 
 @dataclass(frozen=True)
 class ControlStepRow(AttemptIdentifiers):
-    """One control step. The export adds columns for reward terms and actions."""
+    """One control step. The export adds columns for reward terms and action components."""
 
     step: Annotated[int, Column("Number of the control step in the trial.", allowed=_FROM_1)]
     time_s: Annotated[
@@ -266,7 +266,7 @@ class ControlStepRow(AttemptIdentifiers):
 
 @dataclass(frozen=True)
 class AnswerIdentifiers:
-    """Fields that identify an answer. Answers about a whole session have no trial."""
+    """Columns that identify an answer. An answer about a whole session has no trial."""
 
     participant: Pseudonym
     site: Site
@@ -325,7 +325,7 @@ class ItemRow:
 
 @dataclass(frozen=True)
 class ScoreRow(AnswerIdentifiers):
-    """One score of a validated questionnaire."""
+    """One score of one scale of a validated questionnaire."""
 
     instrument: InstrumentName
     scale: Annotated[str, Column("Name of the score; scales has its computation.", allowed="see scales")]
@@ -440,7 +440,7 @@ class AdverseEventRow:
 
 @dataclass(frozen=True)
 class FunctioningCountRow:
-    """Number of people who gave one answer about functioning."""
+    """Number of participants with the same answer to a question about functioning."""
 
     question: Annotated[str, Column("The domain of the Washington Group Short Set, or devices.")]
     answer: Annotated[str, Column("A level of difficulty, or a class of ISO 9999.")]
@@ -459,7 +459,7 @@ def _difficulty(domain: str) -> Column:
 
 @dataclass(frozen=True)
 class FunctioningRow:
-    """One person's answers about functioning."""
+    """Answers of one participant about functioning."""
 
     participant: Pseudonym
     site: Site

@@ -1,4 +1,4 @@
-"""Compute scores of validated questionnaires from a participant's answers at one time."""
+"""Scores of validated questionnaires, from a participant's answers at one time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +17,15 @@ from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
 AnswerTime = tuple[int, int, str]
-"""Time of answers: id of the attempt (0 without an attempt), id of the session, and moment."""
+"""Time of answers: attempt id (0 without an attempt), session id, and moment (one of ``MOMENTS``)."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """The score of one scale from the answers at one time; ``value`` is ``None`` if required answers are missing."""
+    """The score of one scale from the answers at one time.
+
+    ``scale``: name of the scale. ``value``: the score; ``None`` if required answers are missing.
+    """
 
     questionnaire: Questionnaire
     instrument: Instrument
@@ -32,12 +35,12 @@ class Score:
 
     @property
     def _respondent(self) -> str:
-        """A proxy if one of the answers is that of a proxy."""
+        """``PROXY`` if a proxy gave at least one answer; otherwise the respondent of the last answer."""
         given = [answer.stored.answered_by for answer in self.answers]
         return PROXY if PROXY in given else given[-1]
 
     def row(self) -> ScoreRow:
-        """Returns this score as a row of a table."""
+        """Returns this score as a row of the table ``scores``."""
         minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
@@ -57,9 +60,9 @@ def scores_of(
 ) -> list[Score]:
     """Returns all scores of a participant, in the order of their answers.
 
-    After a crash, the next session asks the remaining items. The answers of both sessions are then scored together.
-    Weights are read from the design. If the design has none, they are computed from the participant's answers to the
-    weighting questionnaire: the answers at the same time, or else the latest answers.
+    After a crash, the next session contains the remaining items. The answers of both sessions are then scored together.
+    Weights are read from the design. A design without weights uses the participant's answers to the weighting
+    questionnaire at the same time, or the latest ones.
     """
     sessions = store.sessions(participant.pseudonym)
     answers_by_questionnaire: dict[tuple[str, AnswerTime], list[ExportedAnswer]] = {}
@@ -83,7 +86,7 @@ def scores_of(
 
 
 def scale_rows(design: Design) -> Iterator[ScaleRow]:
-    """Yields a row for every scale of the design's validated questionnaires."""
+    """Yields a row for each scale of the design's validated questionnaires."""
     for questionnaire in design.questionnaires:
         instrument = questionnaire.instrument
         for name in instrument.scale_names if instrument else ():
@@ -109,7 +112,7 @@ def scale_rows(design: Design) -> Iterator[ScaleRow]:
 
 
 def uses_instruments(design: Design) -> bool:
-    """Returns whether the design uses a validated questionnaire."""
+    """Returns whether the design contains a validated questionnaire."""
     return any(questionnaire.instrument is not None for questionnaire in design.questionnaires)
 
 
@@ -142,7 +145,7 @@ def _weights(
     when: AnswerTime,
     given: Mapping[tuple[str, AnswerTime], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
-    """Returns the weights for a questionnaire's weighted score at one time; ``None`` without weights."""
+    """Returns the weights for a questionnaire's weighted score at one time; ``None`` if there are none."""
     if questionnaire.weights is not msgspec.UNSET:
         return questionnaire.weights
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
@@ -161,7 +164,7 @@ def _weights(
 
 
 def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
-    """Returns the weights from the participant's answers; ``None`` if an answer is missing."""
+    """Returns weights from the participant's answers, by factor; ``None`` if an answer is missing."""
     scores = instrument.score(answers)
     weights = {scale: round(score) for scale, score in scores.items() if score is not None}
     return weights if len(weights) == len(scores) else None

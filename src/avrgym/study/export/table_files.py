@@ -1,4 +1,4 @@
-"""Write tables as CSV, and as TSV with JSON for BIDS."""
+"""Write tables as CSV, as TSV and as JSON."""
 
 import csv
 import json
@@ -10,13 +10,13 @@ from avrgym.system.files import open_new_csv
 from avrgym.system.type_guards import is_table
 
 FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""Spreadsheets may run a text as a formula if it begins with one of these characters."""
+"""First characters of texts that a spreadsheet may execute as a formula."""
 
 
 def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> None:
-    """Write rows with the same columns; a row is a dataclass instance or a mapping.
+    """Write a new CSV file. A row is a dataclass instance or a mapping. All rows must have the same columns.
 
-    If there are no rows, the header contains ``columns``.
+    ``columns``: header of a table without rows.
     """
     heading = list(columns)
     with open_new_csv(path) as file:
@@ -31,25 +31,25 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
 
 
 def row_values(row: object) -> Mapping[str, Any]:
-    """Returns the row's values by column."""
+    """Returns the values of a row, by column name."""
     return row if is_table(row) else vars(row)
 
 
 def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows as tab-separated values (TSV). A missing value is ``n/a``."""
+    """Write a new file of tab-separated values (TSV). A missing value becomes ``n/a``."""
     with open(path, "x", encoding="utf-8", newline="") as file:
         for row in rows:
             file.write("\t".join(tsv_cell(value) for value in row) + "\n")
 
 
 def tsv_cell(value: Any) -> str:
-    """Returns the value as text without tabs and line breaks; ``n/a`` if the text is empty."""
+    """Returns a value as text without tabs and line breaks; ``n/a`` for ``None`` and empty text."""
     text = " ".join(str(escape_formula(value)).split()) if value is not None else ""
     return text or "n/a"
 
 
 def escape_formula(value: Any) -> Any:
-    """Returns the value for a table: booleans become ``true`` or ``false``, and possible formulas get an apostrophe."""
+    """Returns the value for a table. Booleans become ``true`` or ``false``; possible formulas get an apostrophe."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str) and value.startswith(FORMULA_PREFIXES):
@@ -58,5 +58,5 @@ def escape_formula(value: Any) -> Any:
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write values as indented JSON."""
+    """Write values to a file as indented JSON."""
     path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

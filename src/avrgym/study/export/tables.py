@@ -30,9 +30,9 @@ from avrgym.study.storage.store import Store
 
 CONSENT_TEXTS = "consent_texts"
 CHECKSUM_DIGITS = 12
-"""Number of checksum digits in file names."""
+"""Number of checksum digits in the file name of a consent text."""
 Heights = Mapping[int, float | None]
-"""Torso heights in metres, by attempt id."""
+"""Torso heights (m), by attempt id."""
 
 
 def write(
@@ -41,7 +41,7 @@ def write(
     folder: Path,
     extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
-    """Write all tables into a folder. ``completed``: the attempts in the table of control steps."""
+    """Write all tables of a study as CSV into a folder. ``completed``: attempts for the table ``control_steps``."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights: Heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
@@ -74,7 +74,10 @@ def participant_tables(
     heights: Heights,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
-    """Returns the rows of all tables about single participants, by table name."""
+    """Returns the rows of the tables with one participant in each row, by table name.
+
+    ``attempts``: all attempts of the study. ``completed``: exported attempts, for the median torso heights.
+    """
     tables: dict[str, Iterable[Any]] = {
         "participants": _participants(store, _median_heights(completed, heights)),
         "consents": consent_rows(store),
@@ -98,7 +101,7 @@ def participant_tables(
 
 
 def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> dict[str, float]:
-    """Returns each participant's median torso height, in metres."""
+    """Returns the median torso height (m) of each participant, by pseudonym."""
     heights_by_participant: dict[str, list[float]] = defaultdict(list)
     for exported in completed:
         height = heights[exported.attempt.id]
@@ -108,7 +111,7 @@ def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> d
 
 
 def item_rows(design: Design) -> Iterator[ItemRow]:
-    """Yields all items of the design's questionnaires."""
+    """Yields a row for each item of the design's questionnaires."""
     for questionnaire in design.questionnaires:
         for item in questionnaire.items:
             scale = questionnaire.scale_of(item)
@@ -127,7 +130,7 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
 
 
 def consent_rows(store: Store) -> Iterator[ConsentRow]:
-    """Yields all decisions of all participants about consent texts, in order."""
+    """Yields a row for each decision of each participant about a consent text, in order."""
     files = {archived.sha256: _consent_file(archived) for archived in store.consent_texts()}
     for participant in store.participants():
         for number, each in enumerate(store.consents(participant.pseudonym), start=1):
@@ -147,7 +150,7 @@ def consent_rows(store: Store) -> Iterator[ConsentRow]:
 
 
 def write_consent_texts(store: Store, folder: Path) -> None:
-    """Write every archived consent text to a file. The file name contains the text's checksum."""
+    """Write each stored consent text to a file. The file name contains the text's checksum."""
     for archived in store.consent_texts():
         path = folder / _consent_file(archived)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -222,7 +225,8 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
             unknown = set(control.reward_terms) - set(terms)
             if unknown:
                 raise StudyError(
-                    f"{exported.attempt.recording}: unknown reward terms {', '.join(sorted(unknown))}"
+                    f"{exported.attempt.recording}: unknown reward terms {', '.join(sorted(unknown))}; "
+                    f"allowed: {', '.join(terms)}"
                 )
             row = ControlStepRow(
                 **labels,
@@ -241,5 +245,5 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
 
 
 def _action_of(action: Sequence[float], joint: int) -> float | None:
-    """Returns the action of a joint; ``None`` if the arm has fewer joints."""
+    """Returns the action of a joint; ``None`` if the arm does not have this joint."""
     return action[joint] if joint < len(action) else None

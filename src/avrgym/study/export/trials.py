@@ -1,4 +1,4 @@
-"""A study's attempts with participant, session, trial and recording, for all export formats."""
+"""Attempts and answers of a study with participant, session and trial, for all export formats."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -43,14 +43,14 @@ class ExportedAttempt:
         return self.trial.task + self.trial.robot
 
     def read(self) -> Recording:
-        """Read the recording up to its end or to the first damage. Recordings are large and not cached."""
+        """Returns the recording up to its end or its first damage. Recordings are large and not cached."""
         return read_recording(self.store.path(self.attempt.recording))
 
     def read_whole(self) -> Recording:
-        """Read the recording, which must be complete and unchanged.
+        """Returns the recording, which must be complete and unchanged.
 
         Raises:
-            StudyError: if the recording is missing, damaged or changed; the message begins with the recording's name.
+            StudyError: if the recording is missing, damaged or changed. The message begins with the recording's name.
         """
         name = self.attempt.recording
         if not self.store.path(name).is_file():
@@ -60,17 +60,17 @@ class ExportedAttempt:
         try:
             recording = self.read()
         except (OSError, RecordingError) as error:
-            raise StudyError(f"{name} does not load: {error}") from error
+            raise StudyError(f"{name} cannot be read: {error}") from error
         if not recording.complete:
             raise StudyError(f"{name} is incomplete; allowed: complete recordings")
         return recording
 
     def is_changed(self) -> bool:
-        """Returns whether the recording exists, but has changed since the attempt was completed."""
+        """Returns whether the recording exists, but differs from the checksum at the end of the attempt."""
         return recording_sha256(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:
-        """Returns the torso height of the participant's body model in this trial."""
+        """Returns the torso height (m) of the participant's body model in this trial."""
         if self.attempt.torso_height_m is not None:
             return self.attempt.torso_height_m
         return read_header(self.store.path(self.attempt.recording)).configuration.person.torso_height_m
@@ -81,12 +81,13 @@ class ExportedAttempt:
         return "is missing" if here else f"is at another station; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
-        """Returns the control steps, with their times in seconds. Raises the errors of ``read_whole``."""
+        """Returns time (s) and data of each control step. Raises the errors of ``read_whole``."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
-        """Returns the camera images (steps, ...) at the start of each control step, by image name, rendered from
-        recorded states.
+        """Returns rendered camera images (steps, ...) at the start of each control step, by image name.
+
+        The images are rendered from the recorded simulation states.
 
         Raises:
             StudyError: for a camera that the robot does not have, or if the states cannot be rendered.
@@ -102,7 +103,7 @@ class ExportedAttempt:
         return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
 
     def identifiers(self) -> AttemptIdentifiers:
-        """Returns the fields that identify this attempt in tables."""
+        """Returns the columns that identify this attempt in tables."""
         return AttemptIdentifiers(
             participant=self.participant.pseudonym,
             site=self.participant.site,
@@ -118,13 +119,13 @@ class ExportedAttempt:
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """Yields all attempts, ordered by participant and start."""
+    """Yields all attempts of a study, ordered by participant and start time."""
     for participant in store.participants():
         yield from attempts_of(store, participant)
 
 
 def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAttempt]:
-    """Yields all attempts of a participant, in the order of their start."""
+    """Yields all attempts of a participant, ordered by start time."""
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -137,16 +138,16 @@ def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAtte
 
 
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """Yields all completed attempts."""
+    """Yields all completed attempts of a study, ordered by participant and start time."""
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
 
 
 @dataclass(frozen=True)
 class ExportedAnswer:
-    """One answer with its participant, session and attempt. Answers about a whole session have no attempt.
+    """One answer with its participant, session and attempt. An answer about a whole session has no attempt.
 
-    ``moment``: before a session, after a trial, or after a session. ``item``: the item's version that the participant
-    read.
+    ``stored``: the answer in the database. ``moment``: one of ``MOMENTS``. ``item``: the item version that the
+    participant read.
     """
 
     participant: Participant
@@ -158,7 +159,7 @@ class ExportedAnswer:
     item: Item
 
     def identifiers(self) -> AnswerIdentifiers:
-        """Returns the fields that identify this answer in tables."""
+        """Returns the columns that identify this answer in tables."""
         attempt = self.attempt
         return AnswerIdentifiers(
             participant=self.participant.pseudonym,
@@ -177,7 +178,7 @@ class ExportedAnswer:
         )
 
     def row(self) -> AnswerRow:
-        """Returns this answer as a row of a table."""
+        """Returns this answer as a row of the table ``answers``."""
         scale = self.questionnaire.scale_of(self.item)
         return AnswerRow(
             **vars(self.identifiers()),
@@ -194,7 +195,7 @@ class ExportedAnswer:
 def answers_of(
     store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], answered_items: AnsweredItems
 ) -> list[ExportedAnswer]:
-    """Returns all answers of a participant, in order. ``attempts`` must contain all attempts of the participant."""
+    """Returns all answers of a participant, in order. ``attempts``: at least all attempts of the participant."""
     by_id = {exported.attempt.id: exported for exported in attempts}
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -224,7 +225,7 @@ class OmittedAttempt:
 def verify_attempts(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[OmittedAttempt]]:
-    """Split attempts into those with a complete, unchanged recording, and those that cannot be exported.
+    """Returns the attempts with a complete, unchanged recording, and the attempts that cannot be exported.
 
     ``progress``: called with the number of recordings read and their total number.
     """
@@ -241,7 +242,7 @@ def verify_attempts(
 
 
 def group_by_scene(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
-    """Returns the attempts by scene (task and robot), for formats in which a dataset's observations have one size."""
+    """Returns the attempts by scene (task and robot). All observations of a scene have the same size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)
