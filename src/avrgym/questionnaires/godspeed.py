@@ -1,4 +1,4 @@
-"""Godspeed questionnaire series: people rate a robot between opposite adjectives, on five scales."""
+"""Godspeed questionnaire series: semantic differential ratings of a robot, on five scales."""
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
@@ -21,7 +21,7 @@ WORD_PAIRS = {
     ),
     "safety": (("anxious", "relaxed"), ("agitated", "calm"), ("quiescent", "surprised")),
 }  # fmt: skip
-"""Word pairs of each scale. The second word of a pair has the highest value. No item is reversed."""
+"""Word pairs of each scale, by scale name. The second word has the highest value. No item is reversed."""
 
 
 def _opposites_id(scale: str, low: str) -> str:

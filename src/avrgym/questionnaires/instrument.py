@@ -8,11 +8,14 @@ from statistics import fmean
 from typing import Literal, NamedTuple
 
 SCORE_DECIMALS = 9
-"""Number of decimals of scores. Scores that differ only by rounding errors become equal."""
+"""Number of decimals of a score. Rounding makes scores equal that differ only by floating-point errors."""
 
 
 class ResponseScale(NamedTuple):
-    """Response scale of an item. Its ``points`` options have the values ``lowest``, ``lowest + step``, and so on."""
+    """Response scale of an item.
+
+    ``points``: number of options. ``lowest``: lowest value. ``step``: difference between neighbouring values.
+    """
 
     points: int
     lowest: int
@@ -25,24 +28,24 @@ class ResponseScale(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """The mean of the lowest and highest value."""
+        """The mean of the lowest and the highest value."""
         return (self.lowest + self.highest) / 2
 
     @property
     def values(self) -> range:
-        """The values of all answers, in ascending order."""
+        """The values of all options, in ascending order."""
         return range(self.lowest, self.highest + self.step, self.step)
 
     def scale_value(self, value: int) -> int:
-        """Returns the value of a stored answer. Stored answers are numbered from 1."""
+        """Returns the value of a stored answer on this scale. ``value``: number of the option, from 1."""
         return self.lowest + (value - 1) * self.step
 
 
 class InstrumentItem(NamedTuple):
     """An item of a validated questionnaire.
 
-    ``text`` is empty if the licence does not allow distribution; the study's folder must then contain the text. ``low``
-    and ``high``: labels of the two ends of the scale. ``labels``: labels of all answers; empty if the screen shows
+    ``text``: empty if the licence forbids distribution; the study's folder must then contain the text. ``low`` and
+    ``high``: labels of the lowest and the highest value. ``labels``: labels of all options; empty if the screen shows
     numbers.
     """
 
@@ -54,10 +57,10 @@ class InstrumentItem(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A score: the mean or sum (``of``) of item values, multiplied by ``factor``.
+    """A scale and the computation of its score: ``factor`` times the mean or sum (``of``) of item values.
 
-    ``reversed``: items whose values are reversed. ``offset``: number that is then added to the value of each item. An
-    item that ``items`` contains twice counts twice.
+    ``reversed``: ids of reversed items. ``offset``: number that is added to each item value after reversal. ``items``:
+    item ids; an item that is listed twice counts twice.
     """
 
     name: str
@@ -72,8 +75,8 @@ class Weighting(NamedTuple):
     """A weighted score: the weighted mean of item values.
 
     ``scale``: name of the weighted score. ``instrument``: name of the questionnaire that measures the weights; its
-    scores are the weights. ``items``: the item that each of these weights multiplies. Weights are integers from 0 to
-    ``max_weight``; their sum is ``total``.
+    scores are the weights. ``items``: item id that each weight multiplies, by name of the weight. Weights are integers
+    from 0 to ``max_weight``. ``total``: sum of all weights.
     """
 
     scale: str
@@ -86,8 +89,9 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``missing``: rule for missing answers. ``"no score"``: the score is ``None``. ``"centre"``: the middle of the
-    response scale replaces the answer. ``texts``: source of the item texts, if AVR Gym does not contain them.
+    ``source``: publication. ``response``: response scale of all items. ``missing``: rule for missing answers. With
+    ``"no score"``, the score is ``None``; with ``"centre"``, the middle of the response scale replaces the answer.
+    ``texts``: source of the item texts if AVR Gym does not contain them.
     """
 
     name: str
@@ -127,8 +131,8 @@ class Instrument(NamedTuple):
         """Returns the score of each scale, by scale name; ``None`` if required answers are missing.
 
         Args:
-            answers: the answer to each item, numbered from 1.
-            weights: the weights, by the keys of ``Weighting.items``. Without weights, the weighted score is ``None``.
+            answers: option number (from 1) of each answer, by item id.
+            weights: the weights, with the keys of ``Weighting.items``. Without weights, the weighted score is ``None``.
 
         Raises:
             ValueError: for an unknown item, or for an invalid answer or weight.

@@ -18,9 +18,10 @@ MAX_POINTS = 101
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A statement or question that participants rate from 1 (``low``) to ``points`` (``high``).
+    """A statement or question. Answers are numbered from 1 to ``points``.
 
-    If there are ``labels``, the screen shows them instead of numbers.
+    ``low`` and ``high``: labels of the lowest and the highest answer. ``labels``: labels of all answers, which the
+    screen shows instead of numbers.
     """
 
     id: str
@@ -46,10 +47,10 @@ def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A questionnaire of a study. ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
+    """A questionnaire of a study.
 
-    ``use``: name of a validated questionnaire, which defines items and scores. ``weights``: weights of its weighted
-    score.
+    ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``. ``use``: name of a validated questionnaire
+    that defines items and scores. ``weights``: weights of its weighted score.
     """
 
     name: str
@@ -66,14 +67,14 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def moments(self) -> tuple[str, ...]:
-        """The moments at which the items are shown."""
+        """The moments at which the items are shown, of ``MOMENTS``."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> ResponseScale:
         """Returns the response scale of an item.
 
         Items of a validated questionnaire have its scale. Items with integer labels have these labels as values. All
-        other items have the values 1 to ``points``. Tables, figures and exports contain values of this scale; stored
+        other items have the values 1 to ``points``. Tables, figures and exports contain values of this scale. Stored
         answers are always numbered from 1.
         """
         if self.instrument is not None:
@@ -92,7 +93,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _numbered(labels: Sequence[str]) -> ResponseScale | None:
-    """Returns the response scale if labels are equally spaced, increasing integers; otherwise ``None``."""
+    """Returns the response scale of labels that are increasing, equally spaced integers; otherwise ``None``."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
@@ -114,7 +115,10 @@ LIKERT_ITEMS = (
 
 
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
-    """Returns the items that are shown at the moment ``when``, in order. The same seed results in the same order."""
+    """Returns the items that are shown at a moment, in order.
+
+    ``when``: one of ``MOMENTS``. ``seed``: seed of random item orders.
+    """
     rng = random_streams.item_order_generator(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:
@@ -126,7 +130,7 @@ def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: in
 
 
 def validate_answer(items: Sequence[Item], item_id: str, value: int) -> None:
-    """Raises ``ValueError`` if ``value`` is not an allowed answer to an item in ``items``."""
+    """Raises ``ValueError`` if ``items`` lacks the item, or if ``value`` is not an allowed answer to it."""
     by_id = {item.id: item for item in items}
     if item_id not in by_id:
         raise ValueError(f"no item {item_id!r}; allowed: {', '.join(by_id)}")

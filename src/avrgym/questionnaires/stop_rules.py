@@ -1,4 +1,4 @@
-"""Stop rules: certain answers, for example about sickness, pause or end the session."""
+"""Stop rules: an answer, for example about sickness, pauses or ends the session."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,8 +12,7 @@ STOP_ACTIONS = ("pause", "end")
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """If the answer to ``item`` has at least the value ``at_least``, the session executes the action ``then``: pause or
-    end.
+    """If the answer to ``item`` has at least the value ``at_least``, the action ``then`` (pause or end) is executed.
 
     For a validated questionnaire, the values are those of its response scale. For the study's own items, they are 1 to
     ``points``.
@@ -25,7 +24,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopDecision(NamedTuple):
-    """The action of the session (``then``, one of ``STOP_ACTIONS``), and its reason as text for the experimenter."""
+    """Decision of a stop rule. ``then``: one of ``STOP_ACTIONS``. ``why``: reason as text for the experimenter."""
 
     then: str
     why: str
@@ -33,15 +32,13 @@ class StopDecision(NamedTuple):
 
 @dataclass(frozen=True)
 class StopRules:
-    """Rules that stop or pause a session after an answer, such as strong nausea, and the questionnaires with these
-    items.
-    """
+    """All stop rules of a study. ``questionnaires``: the questionnaires with the items of the rules."""
 
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
     def decide(self, item_id: str, value: int) -> StopDecision | None:
-        """Returns the strongest action that an answer triggers; ``None`` if no stop rule applies."""
+        """Returns the decision with the strongest action after an answer; ``None`` if no stop rule applies."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None

@@ -1,7 +1,7 @@
 """Interface texts for participants: one file for each language, with the same keys.
 
-AVR Gym includes the languages of the ``.toml`` files in this package. A study can add languages and translations of its
-own sentences: in the file ``texts/LANGUAGE.toml`` in its folder, see ``read_texts``.
+AVR Gym includes the languages of the ``.toml`` files in this package. A study can add languages, and translations of
+its own sentences, in the file ``texts/LANGUAGE.toml`` in its folder.
 """
 
 import re
@@ -42,33 +42,32 @@ OPTIONAL_PAGE_KEYS = (
     "caption_success",
 )
 OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one")
-"""Optional keys under ``page`` and ``session``. Their default is the English text."""
+"""Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
 PAGE_SUFFIX = "_page"
-"""Suffix of keys under ``session``. Texts with this suffix are for the page without a headset."""
+"""Suffix of keys under ``session`` for the participant's page without a headset."""
 SELECT, SELECT_BY = "select", "select_by_"
-"""Placeholder for the name of the participant's select action, and prefix of the keys with these names."""
+"""Placeholder for the name of the select action, and prefix of the keys with the names for each select input."""
 CHOOSE, CHOOSE_BY = "choose", "choose_by_"
-"""The same for an action that chooses a button with a name."""
+"""Placeholder and prefix of keys for the action that chooses a named button."""
 PROFILE_INPUTS = ("dwell", "scan", "step", "remote")
-"""Kinds of select input that come from input profiles: head, one switch, two switches and experimenter. Their names are
-optional."""
+"""Select inputs of input profiles: head, one switch, two switches, experimenter. Their names are optional."""
 DEFAULT_INPUT = "trigger"
 
 
 class TextsError(ValueError):
-    """Raised if the texts of a language are invalid. The message contains file, error and allowed values."""
+    """Raised if the texts of a language are missing or invalid. The message contains file and allowed values."""
 
 
 @dataclass(frozen=True)
 class Text:
-    """A text for a participant: its key under ``session``, and the values of its placeholders."""
+    """A text for a participant. ``key``: key under ``session``. ``values``: values of placeholders, by name."""
 
     key: str
     values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
 
 
 class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a text file. In a study's file, all parts are optional."""
+    """Contents of a text file, see ``Texts``. In a study's file, all parts are optional."""
 
     name: str = ""
     direction: str = ""
@@ -82,9 +81,9 @@ class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Texts:
     """All texts in one language.
 
-    ``language``: a tag such as ``de``. ``direction``: ``ltr`` or ``rtl``. ``decimal``: decimal separator. ``session``:
-    texts of the server. ``page``: texts of the client. ``sentences``: translations of the English sentences of tasks,
-    questionnaires and designs.
+    ``language``: a tag such as ``de``. ``name``: name of the language. ``direction``: ``ltr`` or ``rtl``. ``decimal``:
+    decimal separator. ``session``: texts of the server, by key. ``page``: texts of the client, by key. ``sentences``:
+    translations of sentences of tasks, questionnaires and designs, by English sentence.
     """
 
     language: str
@@ -96,7 +95,7 @@ class Texts:
     sentences: Mapping[str, str]
 
     def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
-        """Returns the text for VR with filled-in placeholders. ``select_by``: the kind of select input."""
+        """Returns the text for VR with filled-in placeholders. ``select_by``: select input, such as ``trigger``."""
         select, choose = (self.session.get(prefix + select_by, "") for prefix in (SELECT_BY, CHOOSE_BY))
         values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:], CHOOSE: choose}
@@ -108,23 +107,22 @@ class Texts:
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def render_by_input(self, text: Text) -> dict[str, str]:
-        """Returns texts for VR by kind of select input, without those that are equal to the text for the default
-        input."""
+        """Returns the texts for VR, by select input. Texts that equal the text for the default input are omitted."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
         texts = {kind: self.render(text, kind) for kind in kinds}
         return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
 
     def render_for_page(self, text: Text) -> str:
-        """Returns the text for the page without a headset, with filled-in placeholders."""
+        """Returns the text for the page without a headset, with values instead of placeholders."""
         on_page = text.key + PAGE_SUFFIX
         return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
-        """Returns the translation of a sentence, or the sentence itself if there is no translation."""
+        """Returns the translation of an English sentence, or the sentence itself without a translation."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
     def untranslated(self, sentences: Collection[str]) -> list[str]:
-        """Returns the sentences without a translation, without duplicates."""
+        """Returns the English sentences that have no translation, without duplicates."""
         unique_sentences = dict.fromkeys(
             normalize_whitespace(sentence) for sentence in sentences if sentence.strip()
         )
@@ -132,7 +130,7 @@ class Texts:
 
 
 class TextError(ValueError):
-    """Raised if the participant cannot do an action. ``text`` explains the reason to the participant."""
+    """Raised if the participant cannot do an action. ``text``: the reason, for the participant."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(ENGLISH.render(text))
@@ -140,7 +138,7 @@ class TextError(ValueError):
 
 
 def normalize_whitespace(sentence: str) -> str:
-    """Returns the sentence with single spaces instead of line breaks and spaces. It is the key of the translation."""
+    """Returns the sentence with single spaces instead of line breaks and spaces, as the key of its translation."""
     return " ".join(sentence.split())
 
 
@@ -153,7 +151,7 @@ def included_languages() -> list[str]:
 
 
 def read_texts(language: str, folder: Path | None = None) -> Texts:
-    """Returns the texts in a language. Texts in the study's ``folder`` override those of AVR Gym.
+    """Returns the texts in a language. Texts in the study's ``folder`` replace those of AVR Gym.
 
     Raises:
         TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from the English
@@ -209,8 +207,8 @@ def _read(text: str, name: str) -> TextsFile:
 def _check(texts: Texts, where: str) -> None:
     """Raises ``TextsError`` if keys or placeholders differ from the English texts.
 
-    A language may have additional texts for the page. It needs names of select actions only if a text contains
-    ``{select}`` or ``{choose}``.
+    A language may have additional page texts (``PAGE_SUFFIX``). It needs names of select actions only if a text
+    contains ``{select}`` or ``{choose}``.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
@@ -244,7 +242,7 @@ _SELECTS = {SELECT, SELECT.capitalize(), CHOOSE}
 
 
 def _is_needed(key: str, named: Collection[str]) -> bool:
-    """Whether a language needs a key, if its texts have the placeholders ``named``."""
+    """Returns whether a language needs a key. ``named``: the placeholders in its texts."""
     for prefix, placeholders in ((SELECT_BY, {SELECT, SELECT.capitalize()}), (CHOOSE_BY, {CHOOSE})):
         if key.startswith(prefix):
             return key.removeprefix(prefix) not in PROFILE_INPUTS and bool(placeholders & set(named))
@@ -253,7 +251,7 @@ def _is_needed(key: str, named: Collection[str]) -> bool:
 
 @cache
 def _names(text: str) -> frozenset[str]:
-    """Returns the placeholders of a text. They include conversions and format specifications, which are not allowed."""
+    """Returns the placeholders of a text, including conversions and format specifications, which are not allowed."""
     try:
         return frozenset(
             name + (f"!{how}" if how else "") + (f":{form}" if form else "")

@@ -19,16 +19,18 @@ from avrgym.system.toml_lines import Place, line_of
 from avrgym.texts.interface_texts import read_texts
 
 EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
-"""Design fields that must be equal at all sites, even if other differences are accepted."""
+"""Design fields that must be equal at all sites. Differences in these fields are never accepted."""
 NamedStudy = tuple[str, Store]
-"""Name of a site, and its study."""
+"""Name and study of a site."""
 
 
 def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
     """Returns the descriptions of the differences between two studies.
 
+    ``accepted``: the user accepts differences.
+
     Raises:
-        StudyError: for a difference in a field of ``EQUAL_FIELDS``, or for any difference without ``accepted``.
+        StudyError: for a difference in ``EQUAL_FIELDS``. Also for any difference if ``accepted`` is false.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
     never = [each for each in designs if each[0][0] in EQUAL_FIELDS]
@@ -54,7 +56,7 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
-    """Returns a difference between two designs as text, with the line of the value in both files."""
+    """Returns a difference between two designs as text, with the line numbers of the value in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {key_path_text(place)}", here, there, *at)
 
@@ -64,7 +66,7 @@ def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:
 
 
 def _line(store: Store, place: Place) -> str:
-    """Returns the line of a value, or of its table; empty if the file contains neither."""
+    """Returns the line number of a value or of its table as text; empty if the file contains neither."""
     text = read_text(store.folder / DESIGN)
     for length in range(len(place), 0, -1):
         try:
@@ -81,7 +83,7 @@ def _design(store: Store) -> dict[str, Any]:
 
 
 def _texts(store: Store) -> dict[str, Any]:
-    """Returns the texts for participants in each language."""
+    """Returns the texts for participants, by language."""
     return {language: asdict(read_texts(language, store.folder)) for language in store.design.languages}
 
 

@@ -1,9 +1,9 @@
 """Merge the studies of several sites into one.
 
 The primary key of a merged row is computed from the site's number and the row's key at the site. A merge compares
-all rows, and writes missing and changed rows. It can be repeated: after an interruption, the next merge completes it;
-without new data, nothing changes. For each participant, recordings are copied first; then all rows are written in one
-transaction.
+all rows, and writes missing and changed rows. It can be repeated. After an interruption, the next merge completes it.
+Without new data, a repeated merge changes nothing. For each participant, recordings are copied first. All rows are then
+written in one transaction.
 """
 
 import os
@@ -46,7 +46,10 @@ from avrgym.system.files import make_private_folder, remove_unfinished, write_fo
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
-    """Create an empty study in a new folder, with the design of the study ``like``. ``names``: site names by number."""
+    """Create an empty merged study in a new folder.
+
+    ``like``: study with the design. ``names``: site names, by site number.
+    """
 
     def write(folder: Path) -> None:
         write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
@@ -61,7 +64,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 
 def _without_local(design: str) -> str:
-    """Returns the text of a design without the fields that may differ between sites. The other lines are unchanged."""
+    """Returns the text of a design without the fields of ``SITE_FIELDS``. The other lines are unchanged."""
     document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in SITE_FIELDS):
         return design
@@ -71,7 +74,7 @@ def _without_local(design: str) -> str:
 
 
 def _own_files(store: Store) -> Iterator[Path]:
-    """Yields the files that the design and the plan need, relative to the study's folder."""
+    """Yields the paths of the files that design and plan need, relative to the study's folder."""
     own = [
         store.folder / name
         for name in (
@@ -90,7 +93,11 @@ def _own_files(store: Store) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class MergedSite:
-    """Result of merging one site: numbers of participants, recordings, new data, and deleted participants."""
+    """Result of the merge of one site.
+
+    ``site``: name. ``pseudonyms``: range of pseudonyms in the merged study. Other fields: numbers of participants,
+    recordings, copied recordings, written rows and deleted participants.
+    """
 
     site: str
     participants: int
@@ -103,7 +110,7 @@ class MergedSite:
 
 @dataclass
 class _SiteMerge:
-    """State of one site during a merge."""
+    """Data of one site during a merge. ``differing``: accepted differences. ``faults``: errors, by attempt id."""
 
     number: int
     source: SiteStudy
@@ -124,19 +131,21 @@ def merge_studies(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     report: Callable[[str], None] = lambda text: None,
 ) -> list[MergedSite]:
-    """Merge studies into a new folder, or update an earlier merge. The sites' studies are not changed.
+    """Merge studies into a new folder, or update an earlier merge. Returns a result for each site.
+
+    The sites' studies are not changed.
 
     Args:
         folders: the folders of the sites' studies.
         out: the folder of the merged study.
-        accept_differences: merge studies with different designs or plans.
-        skip_damaged: omit recordings that are damaged or missing at their site.
+        accept_differences: merge studies even if designs, texts, policies or plans differ.
+        skip_damaged: omit damaged and missing recordings.
         progress: called with the number of compared recordings and their total number.
         report: called with each accepted difference, and with each omitted recording.
 
     Raises:
-        StudyError: if studies differ, are the same, were changed by another program or lack recordings, or if ``out``
-            contains other files. Nothing is changed then.
+        StudyError: if studies differ, are the same, lack recordings, or were changed by another program. Also if
+            ``out`` contains other files. Nothing is changed then.
         DesignError: if a site's ``study.toml`` is invalid.
     """
     _check_places(folders, out)
@@ -154,7 +163,7 @@ def merge_studies(
         return [_merge_site(merged, site) for site in sites]
 
 
-# Before anything is written
+# Checks before the first write
 
 
 def _check_places(folders: Sequence[Path], out: Path) -> None:
@@ -171,7 +180,7 @@ def _check_places(folders: Sequence[Path], out: Path) -> None:
 
 
 def _open_merged(out: Path, stack: ExitStack) -> Store | None:
-    """Open the merged study in a folder; ``None`` for a new or empty folder."""
+    """Returns the opened merged study in a folder; ``None`` for a new or empty folder."""
     if not out.exists() or not any(out.iterdir()):
         return None
     if (out / DATABASE).is_file():
@@ -184,7 +193,7 @@ def _open_merged(out: Path, stack: ExitStack) -> Store | None:
 def _number(
     sources: Sequence[SiteStudy], merged: Store | None, out: Path, *, accepted: bool
 ) -> list[_SiteMerge]:
-    """Assign numbers to the sites. Raises ``StudyError`` if the sites do not match the merged study."""
+    """Returns the sites with their numbers. Raises ``StudyError`` if a site does not match the merged study."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
     gone = {each.number for each in merged.tombstones()} if merged else set[int]()
@@ -206,7 +215,7 @@ def _number(
 
 
 def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -> None:
-    """Store in the ``faults`` of each site why recordings cannot be copied."""
+    """Check all recordings. Each site's ``faults`` then contains the recordings that cannot be copied."""
     everything = [
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
@@ -254,7 +263,7 @@ def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
 
 
 def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
-    """Store the number of a new site. Raises ``StudyError`` if another merge gave it to another site."""
+    """Store the number of a new site. Raises ``StudyError`` if another merge assigned this number."""
     for known in find_all(connection, Site, number=site.number):
         if known.name != site.source.name:
             raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
@@ -272,7 +281,7 @@ def _merge_participant(
     number = merged_participant_number(site.number, person)
     with merged.database.write() as connection:
         if find_all(connection, Tombstone, number=number):
-            return  # deleted while this merge ran
+            return  # deleted during this merge
         site.written += store_rows(connection, rows)
         for each in recordings:
             if each.attempt in site.faults:
@@ -287,7 +296,7 @@ def _merge_participant(
 
 
 def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
-    """Delete merged participants that were deleted at the site. Yields their numbers in the merged study."""
+    """Delete merged participants that the site has deleted. Yields their numbers in the merged study."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
         number = merged_participant_number(site.number, row["number"])

@@ -1,4 +1,4 @@
-"""Read the sites' studies before a merge, and check that they are distinct."""
+"""Read the sites' studies before a merge, and check that they are different studies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,12 +28,15 @@ MERGED_TABLES = tuple(
         schema.LEDGER,
     )
 )
-"""Tables to merge, in the order of their foreign keys."""
+"""Tables to merge. A table follows all tables to which its foreign keys refer."""
 
 
 @dataclass(frozen=True)
 class SiteStudy:
-    """A site's study: rows by table, all read at one moment, and the head of the study's hash chain."""
+    """A site's study, read in one transaction.
+
+    ``name``: name of the site. ``rows``: rows by table name. ``head``: last entry of the study's hash chain.
+    """
 
     name: str
     store: Store
@@ -42,7 +45,7 @@ class SiteStudy:
 
     @property
     def people(self) -> dict[int, str]:
-        """Enrolment time by participant number. Number and time together identify a participant."""
+        """Enrolment times, by participant number. Number and time together identify a participant."""
         return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
 
     @property
@@ -52,7 +55,7 @@ class SiteStudy:
 
 
 def read_site_study(store: Store) -> SiteStudy:
-    """Read a study that is to be merged.
+    """Returns the contents of a study that is to be merged.
 
     Raises:
         StudyError: if the study is a merged study, has no valid site name, or was changed by another program.
@@ -75,13 +78,13 @@ def read_site_study(store: Store) -> SiteStudy:
     most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
     if most >= PEOPLE_PER_SITE:
         raise StudyError(
-            f"{store.folder} has {pseudonym_of(most)}: numbers of a site must not exceed {PEOPLE_PER_SITE - 1}"
+            f"{store.folder} has {pseudonym_of(most)}; allowed: participant numbers up to {PEOPLE_PER_SITE - 1}"
         )
     return source
 
 
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
-    """Returns all rows of a table. Salts are omitted, because the merged study creates its own salts."""
+    """Returns all rows of a table without salts. The merged study creates new salts."""
     names = [column.key for column in table.columns]
     found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
@@ -102,7 +105,7 @@ def check_distinct(sources: Sequence[SiteStudy]) -> None:
 
 
 def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
-    """Raises ``StudyError`` unless the site is new, or its study continues the merged site with the same name.
+    """Raises ``StudyError`` unless the site is new, or its study is a later state of the merged site.
 
     Args:
         source: the site's study.

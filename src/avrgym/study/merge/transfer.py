@@ -23,7 +23,10 @@ _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
 
 def merged_path(text: str, site: int) -> str:
-    """Convert the path of a recording to its path in the merged study; text after the path is not changed."""
+    """Returns the path of a recording in the merged study. Text after the path, and other texts, are not changed.
+
+    ``text``: text that begins with the path at the site. ``site``: number of the site.
+    """
     match = _IN_RECORDINGS.match(text)
     if match is None:
         return text
@@ -33,9 +36,11 @@ def merged_path(text: str, site: int) -> str:
 
 @dataclass(frozen=True)
 class Recording:
-    """A site's recording (``source``), and its path in the merged study (``target``).
+    """A recording of a site.
 
-    The file may be missing if ``sha256`` is ``None``.
+    ``attempt``: attempt id at the site. ``participant``: participant number at the site. ``name``: path in the site's
+    study. ``source``: absolute path; ``None`` if it is outside the recordings. ``target``: path in the merged study.
+    ``sha256``: expected checksum; ``None`` if the file may be missing.
     """
 
     attempt: int
@@ -50,8 +55,9 @@ class Recording:
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
     def fault(self) -> str | None:
-        """Returns the reason why the recording cannot be copied (a message that begins with its name); ``None`` if it
-        can be copied.
+        """Returns the reason why the recording cannot be copied; ``None`` if it can be copied.
+
+        The message begins with the recording's name.
         """
         if self.source is None:
             return f"{self.name} is outside the study's recordings"
@@ -62,7 +68,7 @@ class Recording:
         return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
 
     def copy(self) -> bool:
-        """Copy the recording atomically. Returns whether the copy is new or different from an earlier copy.
+        """Copy the recording atomically. Returns whether the copy is new or differs from an earlier copy.
 
         Raises:
             StudyError: if the checksum is wrong.
@@ -83,7 +89,7 @@ class Recording:
 
 
 def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
-    """Yields all recordings of a site, with their paths in the merged study in ``folder``."""
+    """Yields all recordings of a site. ``site``: number of the site. ``folder``: folder of the merged study."""
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
         name = row["recording"]
@@ -99,8 +105,9 @@ def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Record
 
 
 def _expected_checksum(row: Row) -> str | None:
-    """Returns the stored checksum of an attempt's recording. If a completed attempt has none, the result matches no
-    file.
+    """Returns the stored checksum of an attempt's recording.
+
+    For a completed attempt without a checksum, the result is a text that matches no file.
     """
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
@@ -119,15 +126,15 @@ def _checksum(path: Path) -> str:
 
 
 Rows = Mapping[str, Mapping[int, Row]]
-"""Rows by table and primary key."""
+"""Rows by table name and primary key."""
 _BY_NUMBER = (schema.PARTICIPANT, schema.TOMBSTONE)
 _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
 def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
-    """Returns the rows of a site with their keys in the merged study, by the participant's number at the site.
+    """Returns the rows of a site with their keys in the merged study, by participant number at the site.
 
-    Tombstones are excluded. ``None``: rows without a participant, and log entries, which are never deleted.
+    The key ``None`` contains rows without a participant, and log entries. Deleted participants are omitted.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
     sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
@@ -166,7 +173,7 @@ def _columns(table: sa.Table) -> Iterable[sa.Column[Any]]:
 
 
 def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
-    """Returns the value of a column; a key is replaced by the key in the merged study."""
+    """Returns the value of a column. Primary and foreign keys become the keys in the merged study."""
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value

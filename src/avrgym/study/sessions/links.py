@@ -1,4 +1,4 @@
-"""Session links for participants: a random link for each session. The study stores only the link's checksum."""
+"""Session links: a random link to each session. The study stores only the link's checksum."""
 
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage import hash_chain, schema
@@ -12,7 +12,7 @@ from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
 def make_link(store: Store, session_id: int, role: str | None = None) -> str:
-    """Create and store a link for an open session. ``role``: ``caregiver``; by default, the participant.
+    """Create and store a link for an open session. Returns the link. ``role``: ``caregiver``; default: participant.
 
     Raises ``StudyError`` if the session has ended.
     """
@@ -26,14 +26,14 @@ def make_link(store: Store, session_id: int, role: str | None = None) -> str:
 
 
 def participants_by_link(store: Store) -> dict[str, int]:
-    """Returns the participant number of each stored link, also those of caregivers, by the link's checksum."""
+    """Returns the participant number of each stored link, by the link's checksum. Includes caregivers' links."""
     with store.database.read() as connection:
         sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
         return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
 
 
 def session_links(store: Store) -> SessionLinks:
-    """Create the session links of a server. The links of all earlier sessions are expired."""
+    """Returns the session links of a new server. The links of all earlier sessions are expired."""
     people = {each.number: each for each in store.participants()}
     return SessionLinks(
         {sha256: _language(store, people[number]) for sha256, number in participants_by_link(store).items()}
@@ -41,7 +41,7 @@ def session_links(store: Store) -> SessionLinks:
 
 
 def _language(store: Store, participant: Participant) -> Language:
-    """Returns the message with the participant's language; English if the study has no texts in this language."""
+    """Returns the message with the participant's language, or English if the study lacks texts in this language."""
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:
@@ -49,5 +49,5 @@ def _language(store: Store, participant: Participant) -> Language:
 
 
 def language_message(texts: Texts) -> Language:
-    """Returns the message with a participant's language and the texts of the participant's page."""
+    """Returns the message with the language, and with the texts of the participant's page."""
     return Language(texts.language, texts.direction, dict(texts.page))

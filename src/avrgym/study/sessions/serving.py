@@ -33,21 +33,22 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
 MAX_CLIENTS = 64
-"""Maximum number of connected clients that receive the next session."""
+"""Maximum number of connected clients that receive messages of the next session."""
 ACTION_TIMEOUT_S = 60.0
 
 RETRY_S = 5.0
-"""Time in seconds after which a failed write of a session's end is repeated."""
+"""Delay in seconds before a failed write of a session's end is repeated."""
 
 Action = Callable[[float], Future[None] | None]
-"""A function that runs in the loop's thread. If it returns a future, the action ends when the future is done."""
+"""Function that runs in the thread of the real-time loop. If it returns a future, the action ends with the future."""
 
 
 class StudySessions:
-    """Run at most one participant's session at a time.
+    """Runs the sessions of participants, one at a time.
 
-    A session consists of questions before it, trials in VR, and questions after it. The loop's thread calls ``tick``.
-    Other threads may call ``begin``, ``withdraw`` and ``renew_link``; these methods return when the action has ended.
+    A session consists of questions, trials in VR, and further questions. The thread of the real-time loop calls
+    ``tick``. Other threads may call ``begin``, ``withdraw``, ``change_input`` and ``renew_link``; these methods return
+    when the action has ended.
     """
 
     def __init__(
@@ -66,9 +67,17 @@ class StudySessions:
     ) -> None:
         """Wait for a participant, or start the session of the participant ``first``.
 
-        ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers``, ``streams``:
-        see ``Session``. ``storing``: see ``StudyVisit``. ``headset_check``: see ``plan_session``. ``links``: stores the
-        link of each session; ``caregiver_links``: that of the caregiver, which is valid until the next session begins.
+        Args:
+            store: the study.
+            send: see ``Session``.
+            workers: see ``Session``.
+            first: pseudonym of the first participant.
+            furniture: the real seat and bed at this station; default: the design's.
+            storing: see ``StudyVisit``.
+            streams: see ``Session``.
+            headset_check: see ``plan_session``.
+            links: container for the participant's link to each session.
+            caregiver_links: container for the caregiver's link, which is valid until the next session starts.
 
         Raises the errors of ``begin``.
         """
@@ -100,7 +109,7 @@ class StudySessions:
         return self._visit.pseudonym if self._visit is not None else None
 
     def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
-        """Start a participant's session. ``furniture`` also applies to later sessions.
+        """Start a participant's session. ``furniture``: real seat and bed, for this and later sessions.
 
         Raises:
             StudyError: if another session is running, or if the participant cannot have a session.
@@ -109,7 +118,7 @@ class StudySessions:
         self._request(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop the robot and the recording of the running session. Then store the withdrawal and its reason.
+        """Stop robot and recording of the running session, then store the withdrawal with its reason.
 
         Raises:
             StudyError: if the participant has no running session here.
@@ -117,7 +126,7 @@ class StudySessions:
         self._request(lambda now_s: self._withdraw(pseudonym, reason, now_s))
 
     def change_input(self, pseudonym: str, profile: InputProfile) -> None:
-        """Change how the participant of the running session selects and stops, and store it.
+        """Change and store the input profile of the participant in the running session.
 
         Raises:
             StudyError: if the participant has no running session here.
@@ -133,23 +142,25 @@ class StudySessions:
         visit = self._visit
         if visit is None or visit.pseudonym != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
-        link = make_link(self._store, visit.stored.id)  # not in the loop, which never waits for the database
+        link = make_link(
+            self._store, visit.stored.id
+        )  # in this thread: the loop never waits for the database
         self._request(lambda _: self._renew_link(visit, link))
 
-    # What the loop calls -----------------------------------------------------------------------------------------
+    # Methods for the real-time loop
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
-        """The scenes of all sessions so far. Browsers cache them by index."""
+        """Environment, person and settings of all scenes so far. Browsers cache scenes by index."""
         return self._scenes
 
     @property
     def at_rest(self) -> bool:
-        """Whether the simulation is at rest; true without a VR session."""
+        """Whether the simulation does not move; true without a VR session."""
         return self._session is None or self._session.at_rest
 
     def welcome(self, send: Send, role: Role, now_s: float) -> None:
-        """Send the current state to a client, immediately and at the start of each later session."""
+        """Send the current state to a new client, now and at the start of each later session."""
         self._clients.append((send, role))
         self._welcome(send, role, now_s)
 
@@ -230,7 +241,7 @@ class StudySessions:
         self._forget_participant()
 
     def _end_link(self) -> None:
-        """Invalidate the session's link. Pages that used the link cannot join the next session."""
+        """Invalidate the session's link. Pages with this link cannot join the next session."""
         self.links.end()
         self._forget_participant()
 
@@ -265,7 +276,7 @@ class StudySessions:
             self._welcome(send, role, now_s)
 
     def _continue_after(self, questions: SessionQuestions, now_s: float) -> None:
-        """Start the trials after the first questions; end the session after the last questions."""
+        """Start the trials after the first questions, or end the session after the last questions."""
         questions.tick()
         if not questions.done:
             return

@@ -27,14 +27,18 @@ TITLES = {"before_session": Text("questions_before"), "after_session": Text("que
 
 
 class SessionQuestions:
-    """Show one item after another until all answers are stored and confirmed.
+    """Shows one item after another until all answers are stored and confirmed.
 
     The participant can go back. The experimenter can skip the remaining items or end the session. ``decision``: the
-    strictest decision of the stop rules so far; it does not shorten the questionnaire.
+    strongest decision of the stop rules so far. The questionnaire continues after a decision.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
-        """Prepare the items of the moment ``when``; ``send`` sends messages to all clients."""
+        """Prepare the unanswered items.
+
+        ``when``: moment, ``before_session`` or ``after_session``. ``send``: function that sends a message to all
+        clients.
+        """
         self.when = when
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
@@ -45,7 +49,7 @@ class SessionQuestions:
 
     @property
     def done(self) -> bool:
-        """Whether the questions are over: all are answered or skipped, or the session has ended."""
+        """Whether all questions are answered or skipped, or the session has ended."""
         return self._stored is None and (self._over or self.ended)
 
     @property
@@ -81,7 +85,7 @@ class SessionQuestions:
             self._skip_rest(ended=message.name == "end")
 
     def tick(self) -> None:
-        """Continue when the last answer is stored. If the answer was invalid, ask its item again."""
+        """Continue when the last answer is stored. If the answer was invalid, show its item again."""
         if self._stored is None or not self._stored.done():
             return
         error, given = self._stored.exception(), self._given
@@ -134,7 +138,7 @@ class SessionQuestions:
             self._send(self._questions.question())
 
     def _apply_stop_rules(self, answer: Answer) -> None:
-        """Apply the stop rules to an answer. The decision to end replaces a decision to pause."""
+        """Apply the stop rules to an answer. A decision to end the session replaces a decision to pause it."""
         decision = self._visit.store.design.rules.decide(answer.item, answer.value)
         if decision is None:
             return
@@ -162,7 +166,7 @@ class SessionQuestions:
             self.tick()
 
     def _skip_rest(self, *, ended: bool) -> None:
-        """Skip the current and all following items. ``ended``: the experimenter ended the session."""
+        """Skip the current item and all later items. ``ended``: the experimenter ended the session."""
         self._over, self._ended = True, ended
         if not self._questions.done:
             what = f"questions {self.when} left"

@@ -1,7 +1,7 @@
 """Dry run of a study: simulated participants use the same sessions, database and recordings as people.
 
-Each participant runs in a separate process, in simulated time. After each trial, the participant leaves VR, returns
-and is calibrated again. Results therefore depend only on the seeds, and not on when an earlier run was interrupted.
+Each simulated participant runs in a separate process, in simulated time. After each trial, the participant leaves VR,
+returns and is calibrated again. Results therefore depend only on the seeds, and not on interruptions of an earlier run.
 """
 
 import socket
@@ -43,13 +43,17 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 AGE_RANGE_YEARS = (19, 24)
-"""Age of the paper's youngest and oldest participant."""
+"""Ages (years) of the youngest and the oldest participant in the paper."""
 LEFT_STUDY_STATES = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)
 class DryRun:
-    """Settings of a dry run: seed, populations by name, and impairment."""
+    """Settings of a dry run.
+
+    ``people``: name of the population. ``populations``: the populations with this name, from which each participant is
+    sampled. ``impairment``: impairment of all participants.
+    """
 
     seed: int
     people: str = "participants"
@@ -63,14 +67,16 @@ class DryRun:
 
 
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
-    """Returns the settings of a dry run, from the names of a population and an impairment.
+    """Returns the settings of a dry run. ``people``: name of a population. ``impairment``: name of an impairment.
 
-    Raises ``ValueError`` for unknown names, and for another version of the motion.
+    Raises ``ValueError`` for an unknown name, and for a population with another version of the motion model.
     """
     populations = find_populations(people, TASKS)
     if any(each.distribution.motion_version != MOTION_VERSION for each in populations):
         name = people.partition("@")[0]
-        raise ValueError(f"dry runs do not move {people}; allowed: {name}")
+        raise ValueError(
+            f"dry runs have motion version {MOTION_VERSION}; {people} has another version; allowed: {name}"
+        )
     return DryRun(seed, people, populations, impairments.find_impairment(impairment))
 
 
@@ -84,23 +90,23 @@ def simulate_study(
     impairment: str = "none",
     cluster: "Cluster | None" = None,
 ) -> None:
-    """Let simulated participants complete a study. Participants of an earlier run continue.
+    """Simulate the participants of a study. Participants of an earlier dry run continue.
 
     Args:
         folder: the study's folder.
         participants: number of simulated participants, including those of an earlier run.
-        seed: seed of bodies, behaviour and answers; it must be the seed of the earlier run, if any.
-        progress: called with the numbers of completed and planned trials.
+        seed: seed of bodies, behaviour and answers. It must equal the seed of an earlier run.
+        progress: called after each participant, with the numbers of completed and planned trials.
         jobs: number of processes; default: number of cores. It does not affect the results.
         people: the population: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a
             trained human or a folder of trained humans.
         impairment: the impairment of all participants, a name in ``people.impairments.IMPAIRMENTS``.
-        cluster: run on the workers of this cluster; they need access to the study's folder.
+        cluster: run on the workers of this cluster. They need access to the study's folder.
 
     Raises:
-        ValueError: for unknown people or impairments; nothing is stored then.
-        StudyError: if an earlier run had another seed or other people, or if a session fails.
-        PolicyError: if a policy of the design is missing; nothing is stored then.
+        ValueError: for an unknown population or impairment. Nothing is stored then.
+        StudyError: if an earlier run had another seed or population, or if a session fails.
+        PolicyError: if a policy of the design is missing. Nothing is stored then.
     """
     dry_run = find_dry_run(seed, people, impairment)
     with Store(folder) as store:
@@ -140,7 +146,7 @@ def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
 
 
 def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
-    """Run the remaining trials of a simulated participant in this process, until the last trial or a withdrawal."""
+    """Run the remaining trials of a simulated participant in this process. Stop if the participant withdraws."""
     with Store(folder) as store:
         try:
             _run_visits(store, pseudonym, dry_run)
@@ -150,14 +156,14 @@ def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
 
 
 def _run_visits(store: Store, pseudonym: str, dry_run: DryRun) -> None:
-    """Run sessions until no trial remains. A session ends when the limit of the time in VR is reached."""
+    """Run sessions until no trial remains. A session ends at the maximum time in VR."""
     while has_remaining(store, pseudonym):
         before = len(store.remaining_trials(pseudonym))
         _run_visit(store, pseudonym, dry_run)
         if len(store.remaining_trials(pseudonym)) == before:
             limit = store.design.sessions.max_headset_minutes
             raise StudyError(
-                f"{pseudonym} completes no trial within max_headset_minutes = {limit:g}; allowed: a higher limit"
+                f"{pseudonym} completed no trial within max_headset_minutes = {limit:g}; set a higher limit in {FILE}"
             )
 
 
@@ -175,7 +181,7 @@ def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
 
 
 def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits:
-    """Sample body and behaviour of a simulated participant."""
+    """Returns the sampled body and behaviour of a simulated participant."""
     rng = _random(dry_run.seed, participant.number)
     seed = int(rng.integers(2**31))
     population = dry_run.populations[int(rng.integers(len(dry_run.populations)))]
@@ -184,7 +190,7 @@ def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits
 
 
 def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
-    """Answer the items about the session at random. Items that are already answered also consume random numbers."""
+    """Store random answers about the session. Already answered items also consume random numbers."""
     asked = visit.items(when)
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
         value = int(rng.integers(1, item.points + 1))
@@ -212,7 +218,7 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
 
 
 def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
-    """Returns the pseudonym of the simulated participant with this index. A missing participant is enrolled."""
+    """Returns the pseudonym of the simulated participant with this index (from 0). A missing one is enrolled."""
     present = [
         person
         for person in store.participants()
@@ -235,7 +241,7 @@ def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRun) -> None:
         add_note(store, pseudonym, note)
     elif notes[0] != note:
         raise StudyError(
-            f"{pseudonym} is {notes[0]!r}, not {note!r}; allowed: the same seed, people and motion"
+            f"{pseudonym} was {notes[0]!r}, not {note!r}; allowed: the same seed, people and motion"
         )
     participant = store.participant(pseudonym)
     if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):

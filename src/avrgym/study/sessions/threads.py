@@ -1,4 +1,4 @@
-"""Threads of a session: one stores events in order; another checks whether the session is still open."""
+"""Threads of a session: one stores events in order, another checks whether the session is still open."""
 
 import threading
 from collections import deque
@@ -14,8 +14,8 @@ from avrgym.study.storage.store import Store, find_all
 class StorageThread(ThreadPoolExecutor):
     """A single thread that stores events in order.
 
-    At the end of its context, waiting tasks are cancelled. A busy database therefore does not delay the end of a
-    program. Callers that need a result must wait for it inside the context.
+    At the end of its context, waiting tasks are cancelled, so a busy database does not delay the end of a program.
+    Callers must wait for results inside the context.
     """
 
     def __init__(self) -> None:
@@ -26,19 +26,19 @@ class StorageThread(ThreadPoolExecutor):
 
 
 class StorageQueue:
-    """A queue of storage tasks for an executor with one thread."""
+    """A queue of storage tasks, which run one after another."""
 
     def __init__(self, thread: Executor) -> None:
-        """``thread`` runs tasks in order: a pool with one thread, or an immediate executor in simulated time."""
+        """``thread``: executor that runs tasks in order: a ``StorageThread``, or an ``ImmediateExecutor``."""
         self._thread = thread
         self._pending: deque[Future[None]] = deque()
 
     def submit_checked(self, store: Callable[[], None]) -> None:
-        """Submit a task. If it fails, ``done`` raises its error."""
+        """Add a task. If it fails, ``done`` raises its error."""
         self._pending.append(self.submit(store))
 
     def submit(self, store: Callable[[], None]) -> Future[None]:
-        """Submit a task. If it fails, only its future raises the error."""
+        """Add a task. Returns its future. If the task fails, only the future raises the error."""
         return self._thread.submit(store)
 
     def done(self) -> bool:
@@ -59,7 +59,7 @@ CHECK_INTERVAL_S = 0.5
 class SessionMonitor:
     """A thread that polls the database to check whether a session is still open.
 
-    ``ended_elsewhere``: another process has ended the session, by a withdrawal or by a take-over.
+    ``ended_elsewhere``: whether another process has ended the session, by a withdrawal or a newer session.
     """
 
     def __init__(self, store: Store, session_id: int) -> None:

@@ -1,4 +1,4 @@
-"""A participant's visit: a VR session whose events are stored in the study's database."""
+"""A participant's visit: an open session of a study. The events of its VR session are stored in the database."""
 
 import re
 from collections.abc import Sequence
@@ -62,14 +62,14 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
 STORE_TIMEOUT_S = 20.0
-"""Maximum time to store the end of a session, in seconds."""
+"""Maximum time in seconds to store the end of a session."""
 
 
 class StudyVisit:
     """Context manager: an open session of a participant in a study.
 
-    ``stored``: the session's row. ``trials``: all trials of the participant in the order of ``plan``, first the
-    completed trials, then the remaining ones.
+    ``stored``: the session's row in the database. ``trials``: all trials of the participant in the order of ``plan``:
+    completed trials first.
     """
 
     def __init__(
@@ -80,11 +80,11 @@ class StudyVisit:
         Args:
             store: the study.
             pseudonym: the participant.
-            take_over: end an open session, even if another station is possibly still running it.
-            storing: the executor that stores events; default: events are stored immediately, in the caller's thread.
+            take_over: end an open session, even if another station may still be running it.
+            storing: executor that stores events; default: events are stored immediately in the caller's thread.
 
         Raises:
-            StudyError: if consent or an allocated order is missing, or if another session is running.
+            StudyError: if the participant is not allocated, must consent again, or has a running session.
             PolicyError: if a policy of the remaining trials is missing or invalid. No session is opened then.
         """
         self.store, self.pseudonym = store, pseudonym
@@ -101,12 +101,12 @@ class StudyVisit:
 
     @property
     def identifier(self) -> str:
-        """Name of the session for clients and recordings."""
+        """Name of the session in messages and recordings, such as ``sub-001 ses-01``."""
         return f"{self.pseudonym} {self.stored.name}"
 
     @property
     def language_message(self) -> Language:
-        """The message with the participant's language and the texts of the participant's page."""
+        """The message with the participant's language, and with the texts of the participant's page."""
         return language_message(self.texts)
 
     @property
@@ -115,7 +115,7 @@ class StudyVisit:
         return self._watch.ended_elsewhere
 
     def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
-        """Plan the remaining trials; see ``plan_session``. Raises ``StudyError`` if no trial remains."""
+        """Returns the plan of the remaining trials, see ``plan_session``. Raises ``StudyError`` if no trial remains."""
         if not has_remaining(self.store, self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
@@ -129,7 +129,7 @@ class StudyVisit:
         streams: Streams | None = None,
         state_interval_ticks: int = 1,
     ) -> Session:
-        """Create the VR session of a plan. The session's events are stored. Arguments: see ``Session``.
+        """Returns a VR session with a plan. Its events are stored in the database. Arguments: see ``Session``.
 
         Raises:
             StudyError: if the robot of the first trial has no valid initial state.
@@ -171,27 +171,28 @@ class StudyVisit:
         return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """Returns the unanswered items of ``before_session`` or ``after_session``, in the participant's order and
-        language.
+        """Returns the unanswered items about the session, in the participant's order and language.
+
+        ``when``: moment, ``before_session`` or ``after_session``.
         """
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
 
     def record(self, answer: Answer, when: str) -> Future[None]:
-        """Store an answer about the session. The future raises ``StudyError`` for an invalid or second answer."""
+        """Store an answer about the session. Returns a future; it raises ``StudyError`` for an invalid answer."""
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def change(self, answer: Answer, when: str) -> Future[None]:
-        """Store a changed answer about the session. The future raises the errors of ``record``."""
+        """Store a changed answer about the session. Returns a future; it raises the errors of ``record``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
     def record_event(self, name: str, detail: str) -> Future[None]:
-        """Store an event."""
+        """Store an event of the session. Returns a future."""
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
     def change_input(self, profile: InputProfile, session: Session | None, now_s: float) -> Future[None]:
-        """Change how the participant selects and stops, in the running session and for later ones."""
+        """Change the participant's input profile in this and later sessions. Returns a future for its storage."""
         if session is None:
             self.input.profile = profile
         else:
@@ -201,10 +202,10 @@ class StudyVisit:
         )
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
-        """Stop robot and recording, end the VR session, then store the withdrawal.
+        """Stop robot and recording, end the VR session, then store the withdrawal. Returns a future.
 
         Raises:
-            StudyError: if the reason is too long; nothing is stopped then.
+            StudyError: if the reason is too long or contains control characters. Nothing is stopped then.
         """
         check_line("the reason", reason)
         if session is not None and session.phase != "finished":
@@ -212,9 +213,9 @@ class StudyVisit:
         return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
 
     def end(self) -> Future[None]:
-        """Store the end of the session after all other events.
+        """Store the end of the session after all other events. Returns a future.
 
-        If no trial remains, the participant becomes completed.
+        If no trial and no questionnaire remains, the participant becomes completed.
         """
         self._watch.close()
         return self.storing.submit(self._end)
@@ -223,7 +224,7 @@ class StudyVisit:
         """End the session, and wait until its end is stored.
 
         Raises:
-            StudyError: if the end cannot be stored; the participant's next session then ends this session.
+            StudyError: if the end cannot be stored. The start of the next session then ends this session.
         """
         try:
             self.end().result(STORE_TIMEOUT_S)
@@ -246,7 +247,7 @@ class StudyVisit:
 
 
 def has_remaining(store: Store, pseudonym: str) -> bool:
-    """Returns whether a trial or an open questionnaire of the participant remains."""
+    """Returns whether the participant has a remaining trial or an open questionnaire."""
     return bool(
         store.remaining_trials(pseudonym)
         or attempts_with_open_questionnaire(store, store.attempts(pseudonym))
@@ -263,11 +264,10 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
 def plan_session(
     store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
 ) -> SessionPlan:
-    """Plan a participant's next session. At least one trial or open questionnaire must remain.
+    """Returns the plan of a participant's next session. A trial or an open questionnaire must remain.
 
-    ``furniture``: the real seat and bed; default: the participant's own, or the design's.
-    ``headset_check``: check the headset of a person, even
-    if the design does not require it.
+    ``furniture``: the real seat and bed; default: the participant's own, or the design's. ``headset_check``: check the
+    headset even if the design does not require it. Simulated participants have no headset check.
     """
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
@@ -308,7 +308,7 @@ def plan_session(
 
 
 def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
-    """Returns the first open questionnaire. It is shown before the next trial."""
+    """Returns the first open questionnaire, which is shown before the next trial; ``None`` if there is none."""
     left = attempts_with_open_questionnaire(store, store.attempts(pseudonym))
     if not left:
         return None
@@ -332,9 +332,9 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """Returns the policies of all trials that are not completed, or that have an open questionnaire.
+    """Returns the policies of all trials that are not completed or have an open questionnaire.
 
-    After a crash, an interrupted trial can still have the state ``running``.
+    After a crash, a trial can still have the state ``running``.
     """
     left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     wanted = {
@@ -348,12 +348,12 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
 
 class EventStorage:
-    """Store the events of a VR session until another process ends the session. Storage errors are raised."""
+    """Stores the events of a VR session until another process ends the session. Storage errors are raised."""
 
     def __init__(
         self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionMonitor
     ) -> None:
-        """Store events of this session. ``trials``: in the order of the session's plan."""
+        """``trials``: in the order of the session's plan. ``watch``: monitor of the session."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
@@ -361,7 +361,7 @@ class EventStorage:
         self._torso_height_m: float | None = None
 
     def __call__(self, event: SessionEvent) -> None:
-        """Store an event. The event is on disk when this method returns."""
+        """Store an event. It is on disk when this method returns."""
         if self._watch.ended_elsewhere:
             return
         match event:
@@ -421,7 +421,7 @@ class EventStorage:
         self._attempt = None
 
     def _skip(self, skipped: events.TrialSkipped) -> None:
-        """Move a trial behind all others; a trial that was skipped before is not moved."""
+        """Move a trial to the end of the remaining trials. A trial that was skipped before is not moved."""
         position = self._trials[skipped.trial - 1].position
         if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
@@ -441,4 +441,6 @@ class EventStorage:
         for attempt in self._store.attempts(self._pseudonym):
             if attempt.trial == trial.id and attempt.state == "completed":
                 return attempt.id
-        raise StudyError("the answer belongs to no attempt")
+        raise StudyError(
+            f"trial {number} has no attempt for this answer; allowed: answers about completed trials"
+        )
