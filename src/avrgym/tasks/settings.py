@@ -71,7 +71,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     body_mass_kg: Annotated[float | None, Meta(description="Mass of every person.")] = None
     range_share: Annotated[
         float,
-        Meta(description="Share of the joint ranges of sampled people; multiplies that of impairments."),
+        Meta(
+            description="Joint ranges of sampled people, as a share; multiplied by the share of impairments."
+        ),
     ] = 1.0
     standing_by: Annotated[
         tuple[tuple[str, float, float, float], ...],

@@ -36,7 +36,7 @@ class EpisodeStart(msgspec.Struct, frozen=True):
     placed_pos_w: Annotated[
         dict[str, list[float]], Meta(description="Positions of movable furniture by its name, m.")
     ]
-    memory: Annotated[dict[str, Any], Meta(description="The state of the task, by field.")]
+    memory: Annotated[dict[str, Any], Meta(description="Arrays of the task state, by name.")]
 
 
 @dataclass(frozen=True)
