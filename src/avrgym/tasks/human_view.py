@@ -45,8 +45,8 @@ class HumanView:
     - position (3) and quaternion (4) of the tool;
     - position of the tool relative to its goal (3), if the robot observes it;
     - all 20 joint angles;
-    - if the right arm is offered, positions of shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4) of the
-      head;
+    - if the right arm is offered, positions of shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4)
+      of the head;
     - the force of robot and tool (1), and the force of the tool (1).
     """
 
