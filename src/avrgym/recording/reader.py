@@ -134,8 +134,9 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
 
 
 def read_intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
-    """Returns the records before the first damage, whether the file is undamaged, and the byte offset after the last
-    intact data record.
+    """Returns the intact records of a file, whether the file is undamaged, and a byte offset.
+
+    The intact records are those before the first damage. The offset is the end of the last intact data record.
 
     All messages are in chunks with checksums. A message outside a chunk is therefore a damaged record of another type.
     """

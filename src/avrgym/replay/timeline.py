@@ -49,8 +49,8 @@ class Timeline(msgspec.Struct, frozen=True):
     ``complete``: whether the recording contains the whole trial. ``result``: how the attempt ended. ``seconds``:
     duration. ``facts``: further information by heading. ``frames_s``: time of each frame.
 
-    The poses of the frames are stored separately, as 32-bit floats. A frame has a pose for each body of ``scene``, and
-    for each mark that the task draws on the person: position x, y, z, then quaternion w, x, y, z.
+    The poses of the frames are stored separately, as 32-bit floats. A frame has a pose for each body of ``scene``
+    and each mark on the person: position x, y, z, then quaternion w, x, y, z.
     """
 
     title: str

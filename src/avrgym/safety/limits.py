@@ -5,9 +5,9 @@ apply to healthy adults at work. They mark the onset of pain, or of a slight inj
 limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The values are from publications that
 quote the standard, because its text is not freely available.
 
-A clamped region must stay below the *quasi-static* limit. A region that can move away may be loaded for ``TRANSIENT_S``
-up to the *transient* limit, which is ``transient_factor`` times as high. The standard allows no transient contact with
-skull and face; here their transient limit equals the quasi-static one.
+A clamped region must stay below the *quasi-static* limit. If a region can move away, the force may reach the
+*transient* limit for ``TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard
+allows no transient contact with skull and face; here their transient limit equals the quasi-static one.
 
 The maximum contact speed follows from the force: body and arm are two masses with a spring between them. The region has
 an *effective mass* and a *spring constant* (table A.3); see ``max_impact_speed_m_s``. Simulated contacts have a

@@ -1,9 +1,9 @@
 """The pacing layer executes participants' commands. The robot's policy does not need to process commands.
 
 The policy drives the tool until the tool is at the preferred distance from mouth or arm. The robot waits there for the
-command ``ready``. The layer scales the policy's actions, maintains the preferred distance and side, and moves the tool
-back at the command ``wait``; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with at
-most ``retreat.SPEED_M_S``.
+command ``ready``. The layer scales the policy's actions, and maintains the preferred distance and side. At the command
+``wait``, it moves the tool back; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with
+at most ``retreat.SPEED_M_S``.
 """
 
 from collections.abc import Mapping
@@ -44,9 +44,9 @@ SIDE_LIMIT_S = 5.0
 FACING_RAD = float(np.radians(30.0))
 """Maximum angle between the head's direction and the tool at which the participant faces the tool."""
 COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
-"""Entries of the controllers' input ``command``: 1 for the latest command and 0 for the others, the time since the
-command (up to 60 s), the speed factor, the preferred distance, the preferred side (1 left, −1 right, 0 any), and 1
-while the robot waits."""
+"""Names of the entries of the controllers' input ``command``. An entry with a command's name is 1 if this is the latest
+command, otherwise 0. ``age_s`` is the time since the command, up to 60 s. ``side`` is 1 for left, −1 for right, 0 for
+any. ``waiting`` is 1 while the robot waits."""
 MAX_AGE_S = 60.0
 """Maximum value of ``age_s``."""
 NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0])
@@ -208,7 +208,7 @@ class Pacing(PerWorldState):
         self._continue_by_itself(state)
 
     def _continue_by_itself(self, state: State) -> None:
-        """Leave the waiting pose without a command, if the participant prefers that."""
+        """Leaves the waiting pose without a command if the participant prefers this."""
         wishes = self.rules.preferences
         self._paused_s = np.where(self.waiting, self._paused_s + self._step_s, 0.0)
         if not wishes.continues_by_itself:
@@ -228,7 +228,7 @@ class Pacing(PerWorldState):
                 self._retreats[world].restart()
 
     def _arrive(self, worlds: BoolArray) -> None:
-        """Wait in the worlds of a mask (N,), after a change of side if the tool is on the wrong side."""
+        """Starts to wait in the worlds of a mask (N,). If the tool is on the wrong side, changes the side first."""
         wrong = (self.side != 0.0) & (self._lateral_m * self.side < SIDE_OFFSET_M) & ~self._side_tried
         self._enter(CHANGING_SIDE, worlds & wrong)
         self._enter(WAITING, worlds & ~wrong)
@@ -242,7 +242,7 @@ class Pacing(PerWorldState):
             self._own[world] = action
 
     def _change_side(self, world: int, state: State) -> None:
-        """Move the tool to the preferred side, and away from the person if it is too close."""
+        """Moves the tool to the preferred side, and away from the person if it is too close."""
         self._moved_s[world] += self._step_s
         side = self.side[world]
         if self._lateral_m[world] * side >= SIDE_OFFSET_M or self._moved_s[world] > SIDE_LIMIT_S:

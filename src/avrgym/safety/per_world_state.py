@@ -1,4 +1,4 @@
-"""Base class of safety layers whose state has one row for each world."""
+"""Base class of safety layers. Their state has one row for each world."""
 
 from typing import Any, ClassVar
 

@@ -78,8 +78,8 @@ class BaseChoice:
 
 
 PathCost = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-"""A function that returns the costs (n, K) of K initial states of n worlds, from the positions (n, K, 3) and yaw angles
-(n, K) of the base, and the joint positions (n, K, J)."""
+"""A function that returns the costs (n, K) of K initial states of n worlds. Its arguments are the positions (n, K, 3)
+and yaw angles (n, K) of the base, and the joint positions (n, K, J)."""
 NUM_REHEARSALS = 16
 """Number of candidates for which ``path_cost`` is computed."""
 
@@ -108,10 +108,11 @@ def search_base_pose(
 
     With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_REHEARSALS`` candidates.
 
-    A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the sum of the
-    joint-limit-weighted kinematic isotropy over the start pose and the reached goals decides. Inverse kinematics begins
-    at the seed pose for the start pose, and at the start pose for the goals. If fewer than ten candidates of a world
-    reach the start pose, the others are solved twice more, from poses around the seed pose.
+    A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the highest sum of
+    isotropies is best. The sum is over the start pose and the reached goals; the isotropy is the joint-limit-weighted
+    kinematic isotropy. Inverse kinematics begins at the seed pose for the start pose, and at the start pose for the
+    goals. If fewer than ten candidates of a world reach the start pose, the others are solved twice more. These
+    solutions begin at poses around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.

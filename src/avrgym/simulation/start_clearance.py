@@ -197,8 +197,7 @@ def _robot(model: mujoco.MjModel) -> list[int]:
 
 
 def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirrored: bool) -> Clearances:
-    """Returns the minimum clearances of the person's arms from furniture, and of an offered arm from the rest of the
-    body."""
+    """Returns the minimum clearances of the arms from furniture, and of an offered arm from the rest of the body."""
     furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}

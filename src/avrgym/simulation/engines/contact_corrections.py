@@ -1,8 +1,8 @@
 """Corrects contacts that differ between MuJoCo Warp 4.0 and MuJoCo, before constraints are computed.
 
 In MuJoCo the geom with the higher priority determines a contact's parameters. Warp ignores the priority if a geom has
-explicit stiffness and damping (``solref`` below zero), and uses the lower of the two geoms' values. This module sets
-the parameters of the geom with the higher priority, for example of the washcloth on skin.
+explicit stiffness and damping (``solref`` below zero). It then uses the lower of the two geoms' values. This module
+sets the parameters of the geom with the higher priority, for example of the washcloth on skin.
 
 In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower:
 people become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were

@@ -108,8 +108,8 @@ def make_engine(
             copies nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, for ``threads`` with a device, for cloth or a driving robot with
-            ``warp``, or for more worlds than memory allows.
+        ValueError: for an unknown engine or device, ``threads`` with ``on_device``, or more worlds than memory allows.
+            Also for cloth or a driving robot with ``warp``.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)

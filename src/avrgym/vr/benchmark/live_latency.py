@@ -65,8 +65,8 @@ class LiveLatencyResult:
         undisturbed_tick_ms: ``tick_ms`` of the ticks without CPU steal; ``None`` if there are none, or if CPU steal was
             not measured (see ``cpu_steal``).
         undisturbed_round_trip_ms: ``round_trip_ms`` without CPU steal, or ``None``, as ``undisturbed_tick_ms``.
-        stages_ms: stages of the round trip: from client to server, in the queue until the next tick, the tick until its
-            state is sent, and from server to client.
+        stages_ms: stages of the round trip: ``to_server`` (from client to server), ``queue`` (until the next tick),
+            ``tick`` (until its state is sent), ``return`` (from server to client).
         missed_deadlines: number of ticks that ended after the next tick was due, or that were skipped.
         missed_running: number of these ticks that would also have been late without CPU steal; ``None`` if CPU steal
             was not measured.
@@ -211,7 +211,7 @@ class _TimedSession(Session):
 
 
 RoundTrips = dict[int, tuple[float, float]]
-"""Times of sending a tracking frame and of the arrival of the first state that includes it, by the frame's number."""
+"""Times at which a tracking frame was sent and the first state with it arrived, by the frame's number."""
 
 
 def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:

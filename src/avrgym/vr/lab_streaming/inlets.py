@@ -24,7 +24,7 @@ MAX_CHUNKS = 600
 BUFFER_S = 60
 """Length of the receive buffer."""
 SILENT_S, SILENT_INTERVALS = 1.0, 5.0
-"""A stream with a regular rate counts as lost if no samples arrive for this time and this number of intervals."""
+"""A regular stream counts as lost if no samples arrive for this time and this number of intervals."""
 
 
 class Inlet:

@@ -1,7 +1,7 @@
 """Detects obstructed parts of the person's body. Contacts prevent such a part from reaching its target.
 
-If contacts apply a torque τ, a servo of stiffness k at rest has a distance of τ / k from its target. In free motion,
-servos lag too, but with τ = 0. The torque therefore distinguishes obstruction from lag.
+A contact torque τ displaces a resting servo of stiffness k by τ / k from its target. In free motion, servos lag too,
+but with τ = 0. The torque therefore distinguishes obstruction from lag.
 """
 
 import numpy as np

@@ -9,7 +9,7 @@ Nodes are in the world frame, z up. The field ``extras`` of a node contains the 
 - ``skin_of``: the mesh is skinned; this body has the largest weight.
 
 Colours are vertex colours, computed from geom and material as in MuJoCo. All geoms of a node with the same ``Finish``
-are one mesh, because headsets render a scene with few draw calls faster.
+are one mesh. This reduces the number of draw calls and the rendering time on a headset.
 """
 
 # The types of trimesh are known only in part.
