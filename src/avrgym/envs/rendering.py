@@ -60,7 +60,7 @@ class Camera:
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:
-        """Returns an image (``height_px``, ``width_px``, 3) of the current state."""
+        """Returns an RGB image (``height_px``, ``width_px``, 3) of the current state."""
         update_positions(self._model, self._data, self._episodes.simulation.qpos(self._world))
         self._renderer.update_scene(self._data, self._viewpoint, rendering_options())
         self._add_marks()
@@ -149,7 +149,7 @@ def _camera(view: View) -> mujoco.MjvCamera:
 
 
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
-    from avrgym.tasks.camera_images import check_graphics  # states alone load no renderer
+    from avrgym.tasks.camera_images import check_graphics  # environments without images never import it
 
     check_graphics()
     return mujoco.Renderer(model, height_px, width_px)

@@ -101,7 +101,8 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for way in self.stop_ways:
             if way not in POSSIBLE_STOPS[self.method]:
                 raise InputProfileError(
-                    f"{self.method} cannot stop by {way}; allowed: {', '.join(POSSIBLE_STOPS[self.method])}"
+                    f"input method {self.method} cannot stop by {way}; allowed: "
+                    f"{', '.join(POSSIBLE_STOPS[self.method])}"
                 )
 
     @property

@@ -20,7 +20,7 @@ CONFIGURATION, ORIGIN = "configuration", "origin"
 """Names of the metadata records at the beginning. ``origin`` contains date and time."""
 OUTCOME, ROBOT_FINISHED = "outcome", "robot_finished"
 """Names of the metadata records at the end of the trial, and at the end of its last control step."""
-_NO_RECORDING = "not a recording, or truncated before the end of its header"
+_NO_RECORDING = "not a recording, or truncated before the end of its header; restore a backup"
 
 
 class RecordingError(Exception):

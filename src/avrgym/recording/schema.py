@@ -30,7 +30,8 @@ class Pose(Record, frozen=True):
 class Physics(Record, frozen=True):
     """The simulator's full integration state after a physics step.
 
-    ``step``: number of finished control steps. ``simulation_time_s``: time of the simulated world.
+    ``step``: number of finished control steps. ``simulation_time_s``: time of the simulated world. ``state``: MuJoCo's
+    ``mjSTATE_INTEGRATION`` vector.
     """
 
     step: int
@@ -120,7 +121,7 @@ class Event(Record, frozen=True):
 
 
 class RobotCommand(Record, frozen=True):
-    """A command of the participant to the robot, see ``avrgym.commands.vocabulary``.
+    """A command from the participant to the robot, see ``avrgym.commands.vocabulary``.
 
     ``source``: input source, such as ``button`` or ``nod``. ``step``: number of finished control steps. ``effective``:
     the pacing layer reacted. ``refusal``: the reason why the command was ignored; empty if it was allowed.

@@ -53,7 +53,8 @@ def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iter
                 start = states[0] if states else []
                 if len(start) != size:
                     raise ValueError(
-                        f"a recorded state has {len(start)} values, but a state of this scene has {size}"
+                        f"a recorded state has {len(start)} values, but a state of this scene has {size}; install the "
+                        f"recorded version: {recording.configuration.versions}"
                     )
                 episodes.simulation.set_integration_state(np.array(start))
                 yield {name: image[0] for name, image in episodes.images(cameras).items()}

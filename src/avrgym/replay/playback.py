@@ -253,7 +253,7 @@ def _check_world_version(recording: Recording) -> None:
     if version != WORLD_VERSION:
         raise ReplayError(
             f"the recording has version {version} of the simulated world; this release simulates "
-            f"version {WORLD_VERSION}: {version_text(recording)}"
+            f"version {WORLD_VERSION}; install the recorded version: {version_text(recording)}"
         )
 
 

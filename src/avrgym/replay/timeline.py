@@ -93,7 +93,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 
 def align_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """Returns delayed timelines, in which all robots start at the same time."""
+    """Returns the timelines with delays. All robots then start at the same time."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines

@@ -104,7 +104,7 @@ class Pacing(PerWorldState):
             self._retreats.pop(world, None)
 
     def prepare_retreat(self, world: int) -> None:
-        """Create the retreat controller of a world in advance, because this takes milliseconds."""
+        """Create the retreat controller of a world in advance. Its creation takes milliseconds."""
         self._retreats[world] = Retreat(
             self._simulation,
             world,

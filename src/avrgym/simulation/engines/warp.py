@@ -29,9 +29,10 @@ from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
 
 CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
-"""Memory for contacts in a world, and additional memory per particle: twice the maximum measured in drinking."""
+"""Number of contacts for which a world has memory, and number of additional contacts per particle. They are twice the
+maximum in the drinking task."""
 ROWS_PER_CONTACT = 4
-"""Number of sides of the pyramid that approximates a contact's friction cone."""
+"""Number of constraint rows per contact: one for each side of the pyramid that approximates the friction cone."""
 SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
@@ -141,9 +142,9 @@ class Warp:
             self.step(1)
 
     def _run(self, substeps: int) -> None:
-        """Run physics steps. On a GPU the first call is captured as a CUDA graph, which later calls replay.
+        """Run physics steps. On a GPU, the first call captures a CUDA graph. Later calls replay it.
 
-        This requires that memory addresses never change.
+        This requires constant memory addresses.
         """
         if not self._device.is_cuda:
             self._launch(substeps)
@@ -172,7 +173,7 @@ class Warp:
     def _make_model(self) -> None:
         """Create the model on the device, with a row for each world in every field that differs between worlds."""
         model = copy(self.batch.model)
-        no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp has none and refuses the flag
+        no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp rejects this flag
         model.opt.disableflags &= ~no_trees_of_geoms
         names = [each.name for each in fields(self._mujoco_warp.Model) if _has_worlds(each)]
         varying = [name for name in names if self.batch.expanded(name) is not None]
@@ -215,11 +216,11 @@ class Warp:
 
     @property
     def _place(self) -> str:
-        """PyTorch's name of the device."""
+        """The device's name in PyTorch."""
         return str(self._warp.device_to_torch(self._device))
 
     def _tensor(self, name: str) -> Any:
-        """An array (N, ...) of the data as a tensor that shares its memory."""
+        """Returns an array (N, ...) of Warp's data as a tensor that shares its memory."""
         return self._warp.to_torch(getattr(self._data, name))
 
     def _put(self, tensor: Any, rows: Any, values: NumpyArray) -> None:

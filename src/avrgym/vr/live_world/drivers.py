@@ -41,7 +41,7 @@ def zero_action(episodes: Episodes) -> FloatArray:
 
 
 class Driver(Protocol):
-    """Commands a robot in one episode after another."""
+    """Commands the robot of a live world in all episodes of a session."""
 
     @property
     def failure(self) -> str:
