@@ -6,6 +6,7 @@ SPATIAL_PRESENCE_ITEMS = tuple(f"ipq_sp{number}" for number in range(1, 6))
 INVOLVEMENT_ITEMS = tuple(f"ipq_inv{number}" for number in range(1, 5))
 REALISM_ITEMS = tuple(f"ipq_real{number}" for number in range(1, 5))
 REVERSED_ITEMS = ("ipq_sp2", "ipq_inv3", "ipq_real1")
+"""Items whose values are reversed in scores."""
 
 IPQ = Instrument(
     name="ipq",

@@ -21,6 +21,7 @@ FACTORS = {
     "frustration": "Frustration",
 }
 FACTOR_PAIRS = tuple(combinations(FACTORS, 2))
+"""All pairs of workload factors. Participants choose one factor of each pair."""
 
 
 def _rating(factor: str, text: str, low: str = "very low", high: str = "very high") -> InstrumentItem:

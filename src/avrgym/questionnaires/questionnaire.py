@@ -12,9 +12,13 @@ from avrgym.system import random_streams
 from avrgym.texts.interface_texts import Texts
 
 MOMENTS = ("before_session", "after_trial", "after_break", "after_session", "caregiver")
+"""Moments of questionnaires. ``caregiver``: a caregiver answers during or after a session."""
 SESSION_MOMENTS = ("before_session", "after_session")
+"""Moments of questions about a whole session."""
 ITEM_ORDERS = ("fixed", "random")
+"""Orders of the items of a questionnaire."""
 MAX_POINTS = 101
+"""Maximum number of different answers to an item."""
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -19,9 +19,11 @@ import msgspec
 from avrgym.system.files import read_user_text
 
 TEXTS_FOLDER = "texts"
+"""Folder of a study's own texts, relative to the study's folder."""
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """Pattern of a BCP 47 language tag, as in HTML's ``lang``."""
 DIRECTIONS = ("ltr", "rtl")
+"""Text directions, as in HTML's ``dir``."""
 MAX_LISTED_KEYS = 5
 """Maximum number of missing keys in an error message."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
@@ -52,6 +54,7 @@ CHOOSE, CHOOSE_BY = "choose", "choose_by_"
 PROFILE_INPUTS = ("dwell", "scan", "step", "remote")
 """Select inputs of input profiles: head, one switch, two switches, experimenter. Their names are optional."""
 DEFAULT_INPUT = "trigger"
+"""Select input of texts without another input."""
 
 
 class TextsError(ValueError):
@@ -268,3 +271,4 @@ def _is_toml(name: str) -> bool:
 
 _ENGLISH = _read_included("en")
 ENGLISH = read_texts("en")
+"""The English texts of AVR Gym."""

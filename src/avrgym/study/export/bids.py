@@ -32,11 +32,14 @@ RECORDS_FOLDER = "sourcedata"
 AXES = ("x", "y", "z")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 REFERENCE_FRAME = "local_floor"
+"""Name of the reference frame of all poses."""
 TRACKING_SYSTEM = "headset"
+"""Name of the tracking system in file names."""
 CONDITION_COLUMNS = {
     name: TABLES["attempts"][name].meaning
     for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")
 }
+"""Columns of the scans file that describe a trial, with their descriptions."""
 
 
 def write(

@@ -12,7 +12,9 @@ from avrgym.study.storage.store import Store
 MIN_GROUP_SIZE = 5
 """Smallest exported count above 0. Counts that would reveal a smaller count are suppressed too."""
 SUPPRESSED = "suppressed"
+"""Exported text instead of a suppressed count."""
 NOT_ASKED = "not asked"
+"""Answer in the counts for a participant without answers about functioning."""
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:

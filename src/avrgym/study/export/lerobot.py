@@ -27,10 +27,13 @@ from avrgym.tasks.registry import TASKS
 LEROBOT_VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+"""Path pattern of data files, as in ``info.json`` of the format."""
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Quantiles, by their names in the format. Policies with quantile normalisation need q01 and q99."""
 IMAGES = "observation.images"
+"""Prefix of image features."""
 Columns = Mapping[str, NumpyArray]
+"""Values of all frames, by feature."""
 
 
 def write(

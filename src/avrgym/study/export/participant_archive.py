@@ -32,6 +32,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import private_opener
 
 INDEX_FILE = "README.md"
+"""File that lists the contents of the archive."""
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
 """Names of events whose detail can contain pseudonyms of other participants."""
 FILE_CONTENTS: Mapping[str, str] = {

@@ -15,6 +15,7 @@ from avrgym.recording.streams import Chunks, SampleTimes, Topics, sample_times, 
 GAZE = "gaze"
 """Stream type of eye trackers in Lab Streaming Layer."""
 AXES = ("x", "y")
+"""Last words of the channel labels of gaze coordinates."""
 COORDINATES = ("x_coordinate", "y_coordinate")
 """BIDS names of the gaze coordinates."""
 EYE_TRACKING_FIELDS = {
@@ -30,6 +31,7 @@ TIMESTAMP = {
 CORRECTION_NOTE = (
     "If the device's clock jumped, times are corrected by the arrival of samples. They never decrease."
 )
+"""Description of time corrections in the sidecar."""
 
 
 @dataclass(frozen=True, eq=False)

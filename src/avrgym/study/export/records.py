@@ -23,6 +23,7 @@ from avrgym.system.files import write_folder_atomically
 FREE_TEXT_EVENTS = ("participant withdrawn",)
 """Names of events whose detail is free text of an experimenter."""
 Rows = Sequence[object]
+"""Rows of one table."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ ENV_TYPE_GYM = 2
 ENV_MODULE = "old_gym"
 """Module that Gym imports before it creates an environment."""
 OBSERVATION, OBSERVATION_ALIAS = "observation", "flat"
+"""Names of the observation in a file."""
 
 
 def write(

@@ -29,6 +29,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
 CONSENT_TEXTS = "consent_texts"
+"""Folder of the consent texts in an export."""
 CHECKSUM_DIGITS = 12
 """Number of checksum digits in the file name of a consent text."""
 Heights = Mapping[int, float | None]

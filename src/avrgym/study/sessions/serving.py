@@ -35,6 +35,7 @@ from avrgym.vr.session.streams import Streams
 MAX_CLIENTS = 64
 """Maximum number of connected clients that receive messages of the next session."""
 ACTION_TIMEOUT_S = 60.0
+"""Maximum time in seconds for an action of another thread."""
 
 RETRY_S = 5.0
 """Delay in seconds before a failed write of a session's end is repeated."""

@@ -24,6 +24,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.session.questions import Questions
 
 TITLES = {"before_session": Text("questions_before"), "after_session": Text("questions_after")}
+"""Text above the questions, by moment."""
 
 
 class SessionQuestions:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 AGE_RANGE_YEARS = (19, 24)
 """Ages (years) of the youngest and the oldest participant in the paper."""
 LEFT_STUDY_STATES = ("excluded", "withdrawn", UNKNOWN)
+"""States of participants that do not continue the study."""
 
 
 @dataclass(frozen=True)

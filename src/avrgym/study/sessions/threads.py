@@ -14,7 +14,7 @@ from avrgym.study.storage.store import Store, find_all
 class StorageThread(ThreadPoolExecutor):
     """A single thread that stores events in order.
 
-    At the end of its context, waiting tasks are cancelled, so a busy database does not delay the end of a program.
+    Waiting tasks are cancelled at the end of its context. A busy database therefore does not delay a program's end.
     Callers must wait for results inside the context.
     """
 
@@ -54,6 +54,7 @@ class StorageQueue:
 
 
 CHECK_INTERVAL_S = 0.5
+"""Interval in seconds between two checks of the session's state."""
 
 
 class SessionMonitor:

@@ -180,7 +180,10 @@ class StudyVisit:
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
 
     def record(self, answer: Answer, when: str) -> Future[None]:
-        """Store an answer about the session. Returns a future; it raises ``StudyError`` for an invalid answer."""
+        """Store an answer about the session. Returns a future.
+
+        The future raises ``StudyError`` for an invalid or second answer.
+        """
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def change(self, answer: Answer, when: str) -> Future[None]:

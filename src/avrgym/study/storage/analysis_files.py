@@ -8,6 +8,7 @@ from pathlib import Path
 FOLDER = "analysis"
 """Default folder of an analysis, relative to the study's folder."""
 RESULTS = "results.json"
+"""File name of the results of an analysis."""
 UNFINISHED_PREFIX = ".analysis-"
 """Prefix of the temporary folder of an analysis. A killed analysis leaves this folder behind."""
 FORMAT_NAME = "avrgym analysis"

@@ -30,10 +30,13 @@ from avrgym.system.files import make_private_folder, write_new
 
 FILE = "study.db"
 BACKUPS = "backups"
+"""Folder of backups before migrations, relative to the study's folder."""
 CHECKSUM_WAIT_S = 1.0
 """Maximum time in seconds to wait for the database lock when the checksum is stored."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
+"""Environment variable with the database URL. It replaces the URL in ``study.toml``."""
 MIGRATIONS = Path(__file__).parent / "migrations"
+"""Folder of the Alembic migrations."""
 OLDEST_REVISION = "0006_headset_check"
 """Database revision of AVR Gym 0.2.0, the first release."""
 UNRELEASED_REVISIONS = ("0007_records", "0008_log", "0009_consents", "0010_design")

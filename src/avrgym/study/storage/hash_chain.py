@@ -7,8 +7,8 @@ Each of these errors reveals a change by another program: a row differs from its
 entry has no row; a digest is wrong. Rows contain a random salt. The checksum of a deleted row therefore reveals nothing
 about its contents.
 
-The chain uses no secret key. If another program recomputes all digests, only an earlier head (number and digest of the
-last entry) that is stored elsewhere reveals this.
+A head is the number and digest of the last entry. The chain uses no secret key: another program can recompute all
+digests. Only an earlier head that is stored elsewhere then reveals the change.
 """
 
 import hashlib
@@ -27,6 +27,7 @@ from avrgym.study.storage.schema import LEDGER, LOG, METADATA
 TABLES: Mapping[str, sa.Table] = {
     table.name: table for table in METADATA.sorted_tables if table is not LEDGER
 }
+"""Tables whose rows the hash chain covers, by name."""
 _WRITTEN = "rows that the transaction wrote"
 
 

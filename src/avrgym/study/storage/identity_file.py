@@ -26,6 +26,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_atomically
 
 FORMAT = "avrgym identities 1"
+"""Name and version of the file format."""
 _NONCE_BYTES = 12
 
 
@@ -140,6 +141,7 @@ def _decrypt_bytes(key: bytes, bound_to: str, data: str) -> bytes:
 
 FOLDER = "private"
 PLAIN, FILE = "key.json", "identities.json"
+"""File names of the unencrypted and of the encrypted identity file."""
 _NEW = f"{FILE}.new"
 
 

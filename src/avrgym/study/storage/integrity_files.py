@@ -21,6 +21,7 @@ from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 HEAD = "study.head"
 CHECKSUM = "study.db.sha256"
 MISMATCH = f"{CHECKSUM}.mismatch"
+"""File names of the heads, of the checksum, and of a checksum that differed from the database."""
 _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
 

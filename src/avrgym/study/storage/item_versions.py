@@ -184,6 +184,7 @@ def _places(design: Design) -> dict[str, int]:
 NOT_STORED = "unknown"
 """Name of the questionnaire for items without a stored text."""
 UNKNOWN = "(neither the database nor a recording contains its text)"
+"""Text of items without a stored text."""
 
 
 class AnsweredItems:

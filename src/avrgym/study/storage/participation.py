@@ -37,6 +37,7 @@ An entry without a participant contains one of the events ``LIST_BEGUN``, ``LIST
 """
 
 Content = Mapping[str, Any]
+"""Content of a list entry: state or event, time, and further fields, by name."""
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -46,6 +46,7 @@ _COLUMNS = (
 """Fields of a participant in the list, in addition to the state."""
 
 Contents = Mapping[int, Content]
+"""Contents of list entries, by participant number."""
 
 
 def participant_values(content: Content) -> dict[str, Any]:

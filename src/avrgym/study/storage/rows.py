@@ -15,6 +15,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.tasks.registry import find_environment
 
 RECORDINGS = "recordings"
+"""Folder of all recordings, relative to the study's folder."""
 
 
 def pseudonym_of(number: int) -> str:

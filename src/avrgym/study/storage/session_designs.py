@@ -19,7 +19,9 @@ from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
 
 Translate = Callable[[str], str]
+"""Function that translates an English sentence of a design."""
 AFTER_TRIAL = "after_trial"
+"""The moment of questions about a trial, one of ``MOMENTS``."""
 
 
 def design_as_recorded(

@@ -120,7 +120,7 @@ def record_session_event(
 
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
-    """Store the result of a headset check in the session's row, which has only the latest result, and as an event."""
+    """Store the result of a headset check in the session's row and as an event. The row has only the latest result."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))

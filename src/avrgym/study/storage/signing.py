@@ -24,6 +24,7 @@ from avrgym.system.files import (
 )
 
 KEY = "signing-key.pem"
+"""File name of the signing key, in the user's data folder."""
 _STUDIES = "studies"
 
 

@@ -12,6 +12,7 @@ from avrgym.study.storage.schema import now
 from avrgym.study.storage.store import find_all
 
 PEOPLE_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
+"""Distance between the participant numbers, and between the row ids, of two sites in a merged study."""
 SITE_DIFFERS = "site differs"
 """Name of the event for an accepted difference between merged studies. Its detail describes the difference."""
 RECORDING_LEFT_OUT = "recording left out"

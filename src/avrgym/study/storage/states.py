@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from avrgym.recording.schema import ATTEMPT_ENDS
 
 Transitions = Mapping[str, tuple[str, ...]]
+"""Allowed next states, by state."""
 
 UNKNOWN = "unknown"
 """State of a participant after the loss of the database: consent and withdrawal are unknown."""
