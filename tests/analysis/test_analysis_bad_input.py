@@ -113,8 +113,8 @@ def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], st
     enrol_included(store, simulated=False)
     said = words()
     assert "No trial was completed yet." in said
-    assert "No statement was rated yet." in said
-    assert "No counted trial has a whole recording of a body." in said
+    assert "No questionnaire item was answered yet." in said
+    assert "No analysed trial has a complete recording of the body posture." in said
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
             "sub-003",
             1,
             "contradictory",
-            "differ in whether the participant was simulated: the trial is not counted.",
+            "differ in whether the participant was simulated: the trial is not in the analysis.",
         ),
         (
             "sub-003",

@@ -224,11 +224,11 @@ def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:
     ("found", "why"),
     [
         (signed_rank([0, 0, 0]), "all differences are zero"),
-        (signed_rank([]), "there is nothing to compare"),
+        (signed_rank([]), "there are no values to compare"),
         (rank_sum([1, 1], [1, 1, 1]), "all values are equal"),
-        (rank_sum([], [1]), "there is nothing to compare"),
+        (rank_sum([], [1]), "there are no values to compare"),
         (energy_test([[1, 2]], [[1, 2]], 0), "all values are equal"),
-        (energy_test(np.zeros((0, 2)), [[1, 2]], 0), "there is nothing to compare"),
+        (energy_test(np.zeros((0, 2)), [[1, 2]], 0), "there are no values to compare"),
     ],
 )
 def test_what_cannot_be_tested_says_why(found, why: str) -> None:

@@ -355,7 +355,7 @@ def test_latency_follows_from_what_clients_told_in_counted_trials(
     assert total.pictures == len(waits) == 3 * len(counted)
     assert (total.p50_ms, total.p95_ms) == pytest.approx(tuple(np.percentile(waits, [50, 95])))
     page = (out / "report/index.html").read_text("utf-8")
-    assert "Latency from pose to picture" in page
+    assert "Latency from pose to frame" in page
     assert page.count("<h3>Latency</h3>") == 1
 
 

@@ -131,7 +131,7 @@ WITH_CONSTANT = np.hstack([np.ones((24, 1)), CONDITION])
 def test_separated_groups_have_no_odds_ratio(rng: np.random.Generator) -> None:
     always = np.where(CONDITION[:, 0] == 1, 1, rng.integers(0, 2, 24))
     for values in (CONDITION[:, 0], always, 1 - always):
-        with pytest.raises(FitError, match="separated"):
+        with pytest.raises(FitError, match="complete separation"):
             fit_ordinal(values, CONDITION, PEOPLE)
 
 

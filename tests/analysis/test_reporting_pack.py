@@ -186,7 +186,7 @@ def test_a_study_with_nobody_in_it_has_a_codebook_and_says_so(tmp_path: Path) ->
         write_analysis(analyse(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
     assert {path.name for path in folder.iterdir()} == {"index.html", "codebook.csv", "schema.json"}
-    assert "Nobody has taken part yet" in (folder / "index.html").read_text()
+    assert "The study has no participants yet" in (folder / "index.html").read_text()
 
 
 # Tables and codebook
@@ -290,7 +290,7 @@ def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None
         withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None, completed_without_data=1,
     )  # fmt: skip
-    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without a counted trial or answer"])
+    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without an analysed trial or answer"])
 
 
 # What a reader could misread

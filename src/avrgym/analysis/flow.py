@@ -192,7 +192,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
         ),
         (
             f"Completed the study: {flow.completed}",
-            _some({"without a counted trial or answer": flow.completed_without_data}),
+            _some({"without an analysed trial or answer": flow.completed_without_data}),
         ),
         (f"In the analysis: {flow.analysed}{unfinished}", []),
     ]

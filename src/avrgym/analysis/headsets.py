@@ -37,7 +37,8 @@ class HeadsetRow:
     frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=AT_LEAST_0)]
     dropped_share: Annotated[float, Column("Share of dropped frames.", allowed=SHARE)]
     latency_p50_ms: Annotated[
-        float | None, Column("Median latency from pose to picture.", unit="ms", empty=_NOT_MEASURED)
+        float | None,
+        Column("Median latency from tracked pose to displayed frame.", unit="ms", empty=_NOT_MEASURED),
     ]
     latency_p95_ms: Annotated[
         float | None, Column("95th percentile of that latency.", unit="ms", empty=_NOT_MEASURED)
@@ -118,7 +119,7 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
     figures = [
         f"{median(row.frame_rate_hz for row in rows):.0f} frames a second",
         f"{100.0 * median(row.dropped_share for row in rows):.1f} % of frames dropped",
-        *([f"{median(latencies):.0f} ms from pose to picture"] if latencies else []),
+        *([f"{median(latencies):.0f} ms from pose to frame"] if latencies else []),
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
     made_up = (
@@ -132,7 +133,7 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
 
 
 CHECK_HEADS = (
-    "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to picture, ms", "95 % within",
+    "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to frame, ms", "95 % within",
     "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime", "Stop", "after, s",
 )  # fmt: skip
 

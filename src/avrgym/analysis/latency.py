@@ -23,8 +23,8 @@ class LatencyRow:
         str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
     ]
     simulated: IsSimulated
-    stage: Annotated[str, Column("Stage from pose to picture; total_ms is the total latency.")]
-    pictures: Annotated[int, Column("Number of tracking frames that a picture showed.", allowed=AT_LEAST_0)]
+    stage: Annotated[str, Column("Stage from pose to frame; total_ms is the total latency.")]
+    pictures: Annotated[int, Column("Number of tracking frames that were displayed.", allowed=AT_LEAST_0)]
     p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=AT_LEAST_0)]
     p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
     p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
@@ -77,9 +77,9 @@ def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow 
 
 LATENCY_METHOD = (
     "Latency: for every tracking frame, the client measures when the pose was read and sent, when the resulting state "
-    "arrived, and when a picture showed it. The server measures when the frame arrived, when it was simulated, and "
+    "arrived, and when it was displayed. The server measures when the frame arrived, when it was simulated, and "
     "when the state was sent. The fastest messages of ten seconds synchronise the clocks. Percentiles are over the "
-    "frames of counted trials. The headset's display adds latency; the participant's own arms are drawn without this "
+    "frames of analysed trials. The headset's display adds latency; the participant's own arms are drawn without this "
     "latency."
 )
 
@@ -93,14 +93,14 @@ def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     if not rows:
         return Markup()
     together = [row for row in rows if row.participant is None]
-    words = {TOTAL: "from pose to picture", **STAGE_LABELS}
+    words = {TOTAL: "from pose to frame", **STAGE_LABELS}
     body = [
         (words[row.stage], *(f"{ms:.1f}" for ms in (row.p50_ms, row.p95_ms, row.p99_ms))) for row in together
     ]
     own = [row for row in rows if row.participant is not None and row.stage == TOTAL]
     latest = max(own, key=lambda row: row.p95_ms)
     heads = ("Stage", "Median / ms", "95th percentile / ms", "99th percentile / ms")
-    caption = group_caption(f"Latency from pose to picture over {together[0].pictures} frames", simulated)
+    caption = group_caption(f"Latency from pose to frame over {together[0].pictures} frames", simulated)
     note = f"Largest 95th percentile: {latest.p95_ms:.1f} ms, participant {latest.participant}."
     return tag(
         "section", tag("h3", "Latency"), table(caption, heads, body, numbers=range(1, 4)), tag("p", note)

@@ -70,7 +70,7 @@ def _summary_text(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, 
     )
     return (
         f"The log has {entries}, {time} (UTC), by {', '.join(log.people)}. Views of "
-        "results after the planned end are not counted. The whole log: ",
+        "results after the planned end are not included. The complete log: ",
         tag("code", "avrgym study export --format csv"),
         ".",
     )

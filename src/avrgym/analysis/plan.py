@@ -271,6 +271,6 @@ def _hypothesis(
     return join(
         [
             tag("p", f"{hypothesis.id}: {hypothesis.text}"),
-            *(parts or [tag("p", "There is nothing to test yet.")]),
+            *(parts or [tag("p", "There are no data to test yet.")]),
         ]
     )

@@ -273,13 +273,13 @@ def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
 
 
 METHODS = (
-    "Counted trials: completed trials without practice, of participants who have not withdrawn. A trial is left out "
+    "Analysed trials: completed trials without practice, of participants who have not withdrawn. A trial is excluded "
     "and listed if tracking was lost or jumped for a larger share of the robot's time than the design allows. Every "
     "table in tables/ marks rows about simulated participants.",
     "Reward: mean over participants with a 95 % confidence interval (Student's t). Success: Wilson's 95 % confidence "
     "interval, with the effective sample size if participants have several trials. Next to them is the evaluation of "
     "the same policy in simulation with its training population. Rewards that are all equal have no interval.",
-    "Wilcoxon signed-rank test: zero differences are left out and ties get mean ranks. It is exact for at most "
+    "Wilcoxon signed-rank test: zero differences are omitted and ties get mean ranks. It is exact for at most "
     f"{MAX_EXACT_SIGNED_RANK} differences, else a normal approximation. Policies are paired within participant × task "
     "× robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
     "analysis, which assumes independent trials.",

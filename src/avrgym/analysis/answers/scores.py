@@ -299,7 +299,7 @@ def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:
         "Scale",
         "Score",
         "Answered",
-        "Counted",
+        "Analysed",
         "Answered by",
     )
     body = [

@@ -53,7 +53,7 @@ def answers_section(
     ]
     shown = [part for part in (*rated, *about) if part]
     if not shown:
-        return empty_section("Answers", "No statement was rated yet.")
+        return empty_section("Answers", "No questionnaire item was answered yet.")
     return tag("section", tag("h3", "Answers"), *shown)
 
 

@@ -31,7 +31,9 @@ def biomechanics_section(
     """
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
-        return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")
+        return empty_section(
+            "Biomechanics", "No analysed trial has a complete recording of the body posture."
+        )
     return tag(
         "section",
         tag("h3", "Biomechanics: participants and training populations"),
@@ -44,7 +46,7 @@ def biomechanics_section(
 
 
 def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
-    heads = ("Measure", "n", "Seen", "Original", "covers", "Revised", "covers")
+    heads = ("Measure", "n", "Participants", "Original", "covers", "Revised", "covers")
     body = [
         (
             row.quantity, row.n, _ends(row.minimum, row.maximum),
@@ -65,7 +67,17 @@ def _ends(low: float, high: float) -> str:
 
 
 def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:
-    heads = ("Measure", "Posture", "People", "n", "Mean", "Deviation", "Least", "Median", "Most")
+    heads = (
+        "Measure",
+        "Posture",
+        "People",
+        "n",
+        "Mean",
+        "Standard deviation",
+        "Minimum",
+        "Median",
+        "Maximum",
+    )
     body = [
         (
             row.quantity, row.posture, row.population, row.n, number_text(row.mean, digits=3),

@@ -22,7 +22,7 @@ MAX_STEP_HALVINGS = 8
 TOLERANCE = 1e-10
 MAX_SINGULAR_SHARE = 1e-8
 """A random-effect variance is considered zero if it is at most this share of the residual variance."""
-NOT_CONVERGED = "the values do not separate variance between and within participants"
+NOT_CONVERGED = "variance between participants cannot be separated from variance within participants"
 
 
 @dataclass(frozen=True, eq=False)

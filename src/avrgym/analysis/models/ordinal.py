@@ -114,7 +114,7 @@ def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> Flo
         if np.abs(parameters[thresholds:]).max(initial=0.0) > MAX_LOG_ODDS:
             break
     raise FitError(
-        "groups are separated: one group has all values at one end of the scale, and an effect has no bound"
+        "complete separation: all values of a group are at one end of the scale; its effect is unbounded"
     )
 
 

@@ -35,7 +35,7 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
     if not kinds:
         return Markup()
     if len(reasons) == 1 and all(row.estimate is None for row in own):
-        return tag("section", head, tag("p", f"Nothing was modelled: {reasons.pop()}."))
+        return tag("section", head, tag("p", f"No model was fitted: {reasons.pop()}."))
     shown = {kind: _kind(kind, [row for row in own if row.effect == kind], simulated) for kind in kinds}
     others = [tag("details", tag("summary", TITLES[kind]), shown[kind]) for kind in kinds if kind != POLICIES]
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
@@ -129,6 +129,6 @@ MODELS_METHOD = (
     "long scales have a linear mixed model with random effects of participant, participant by policy, by robot and by "
     "task, and the standard errors and degrees of freedom of Kenward and Roger. A mixed model is singular if the "
     f"variance of a random effect is zero or negative. Fewer than {MIN_PARTICIPANTS} participants are not modelled. "
-    "Tasks and robots with all values at the same end of a scale are left out and named. Models are exploratory "
+    "Tasks and robots with all values at the same end of a scale are excluded and listed. Models are exploratory "
     "unless a frozen plan names them.",
 )

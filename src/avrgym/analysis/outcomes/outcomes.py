@@ -41,7 +41,7 @@ class Outcome:
     task: TaskName
     robot: RobotName
     policy: PolicyName
-    trials: Annotated[int, Column("Number of counted trials.", allowed=AT_LEAST_0)]
+    trials: Annotated[int, Column("Number of analysed trials.", allowed=AT_LEAST_0)]
     reward_mean: Annotated[float | None, Column("Mean reward.", empty="no trial, or all tasks together")]
     reward_low: Annotated[
         float | None, Column("Lower bound of its 95 % confidence interval (Student's t).", empty=_EQUAL)
@@ -98,7 +98,7 @@ class SimulationResult:
         Column("Upper bound of its 95 % confidence interval.", allowed=SHARE, empty=_NOT_SIMULATED),
     ] = None
     simulation_note: Annotated[
-        str, Column("Why there is no evaluation, or how its conditions differ.", empty="nothing to note")
+        str, Column("Why there is no evaluation, or how its conditions differ.", empty="no note")
     ] = ""
 
 

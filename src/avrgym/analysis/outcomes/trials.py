@@ -30,7 +30,7 @@ def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
         "Policy",
         "State",
         "Attempts",
-        "Counted",
+        "Analysed",
         "Recording",
         "Tracking lost",
         "Reward",
@@ -49,7 +49,7 @@ def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
 
 
 def _counted(row: TrialRow) -> str:
-    return "left out" if row.left_out else _yes(row.counted)
+    return "excluded" if row.left_out else _yes(row.counted)
 
 
 def _share(share: float | None) -> str:

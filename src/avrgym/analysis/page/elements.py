@@ -106,7 +106,7 @@ def bullet_list(items: Sequence[Any]) -> Markup:
 
 
 def figure(picture: Markup, caption: str) -> Markup:
-    """Returns an HTML figure: a picture with its caption."""
+    """Returns an HTML figure: an image with its caption."""
     return tag("figure", picture, tag("figcaption", caption))
 
 

@@ -108,7 +108,7 @@ def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         f"; unknown for {count_text(lost, 'participant')}, because the database was lost" if lost else ""
     )
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
-    yield f"Participants first gave informed consent (text: {agreed or 'by nobody yet'}){unknown}."
+    yield f"Participants first gave informed consent (text: {agreed or 'no participant so far'}){unknown}."
     if flow.reconsented or flow.declined:
         yield (
             "Re-consent to another version of the text, before the next session: "
@@ -226,9 +226,9 @@ def _latency(analysis: Analysis) -> str:
     flow = main_flow(analysis)
     total = total_latency(analysis.latency, simulated=flow.simulated) if flow else None
     if total is None:
-        return f"Latency from pose to picture: {placeholder('no recording contains it')}"
+        return f"Latency from pose to frame: {placeholder('no recording contains it')}"
     return (
-        "Latency from a tracked pose to the picture of its simulation: "
+        "Latency from a tracked pose to the frame with its simulation: "
         f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
         "without the headset's display. The participants' own arms appeared in the frame of their pose."
     )

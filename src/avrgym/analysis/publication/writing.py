@@ -19,7 +19,7 @@ FOLDER = "reporting"
 PAGE_FILE = "index.html"
 DATA_PACKAGE = "datapackage.json"
 MISSING_PATTERN = re.compile(r"(\[MISSING: [^\]]*\])")
-NO_PARTICIPANTS_TEXT = "Nobody has taken part yet: there is nothing to report."
+NO_PARTICIPANTS_TEXT = "The study has no participants yet; there is nothing to report."
 FILES_TEXT = (
     "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
     "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "

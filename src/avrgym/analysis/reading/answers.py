@@ -61,8 +61,8 @@ class ParticipantAnswers:
                     simulated=self._participant.simulated,
                     where=self._participant.pseudonym,
                     what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
-                    consequence="for each item the latest answer after a session counts, and the "
-                    "latest answer before that session",
+                    consequence="for each item, only the latest answer after a session and the latest answer before "
+                    "that session are analysed",
                 )
 
 

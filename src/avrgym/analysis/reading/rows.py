@@ -88,7 +88,7 @@ class ParticipantRow(ParticipantColumns):
     torso_height_m: Annotated[
         float | None,
         Column(
-            "Calibrated torso height, from hip bone to centre of the head: median over counted trials.",
+            "Calibrated torso height, from hip bone to centre of the head: median over analysed trials.",
             unit="m",
             empty=NO_RECORDING,
         ),
@@ -122,7 +122,7 @@ class TrialRow(ParticipantColumns):
     left_out: Annotated[
         str | None,
         Column(
-            "Why a completed trial is not in the analyses.",
+            "Reason why a completed trial is not in the analyses.",
             empty="the trial is in the analyses, or is not completed",
         ),
     ] = None

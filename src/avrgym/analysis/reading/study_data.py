@@ -136,7 +136,7 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
         if event.name == SITE_DIFFERS:
             what = f"were merged although {event.detail}"
             yield ProblemRow(
-                simulated=None, where="sites", what=what, consequence="they are analysed together"
+                simulated=None, where="sites", what=what, consequence="all sites are analysed together"
             )
 
 
@@ -148,7 +148,7 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
                 simulated=simulated,
                 where=found.where,
                 what=found.message,
-                consequence="trials are used as they were recorded",
+                consequence="the recordings are used unchanged",
             )
 
 
@@ -212,7 +212,10 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
         tell(f"cannot be read: {_without_path(error, exported)}", NO_SERIES)
         return replace(row, recorded="unreadable")
     if recording.configuration.simulated is not row.simulated:
-        tell("and the study differ in whether the participant was simulated", "the trial is not counted")
+        tell(
+            "and the study differ in whether the participant was simulated",
+            "the trial is not in the analysis",
+        )
         return replace(row, recorded="contradictory", counted=False)
     found.plugins.extend(
         recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
@@ -220,11 +223,11 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
     row = replace(row, tracking_loss_share=tracking_loss_share(recording))
     left_out = describe_excess_loss(recording, exported.store.design) if row.counted else None
     if left_out is not None:
-        tell(f"is left out: {left_out}", "the trial is not counted")
+        tell(f"is left out: {left_out}", "the trial is not in the analysis")
         row = replace(row, counted=False, left_out=left_out)
     versions = version_differences(recording)
     if versions:
-        tell(f"was recorded with {versions}", "it is used as it was recorded")
+        tell(f"was recorded with {versions}", "the recording is used unchanged")
     return _add_measures(recording, row, found, tell)
 
 
@@ -258,7 +261,8 @@ def _add_measures(
         found.commands.append(commands)
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
-            f"has a total reward of {row.reward_recorded}, the database {row.reward}", "the database is used"
+            f"has a total reward of {row.reward_recorded}, the database {row.reward}",
+            "the value in the database is used",
         )
     if recorded == "whole" and measured.body is not None:
         row = replace(row, **_body_metrics(measured.body))

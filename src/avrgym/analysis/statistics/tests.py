@@ -82,7 +82,7 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
     zeros = len(given) - len(used)
     test = "Wilcoxon signed-rank"
     if not len(used):
-        note = "all differences are zero" if zeros else "there is nothing to compare"
+        note = "all differences are zero" if zeros else "there are no values to compare"
         return StatisticalTest(test, 0, zeros, note=note)
     ranks = stats.rankdata(np.abs(used))
     positive, negative = float(ranks[used > 0].sum()), float(ranks[used < 0].sum())
@@ -121,7 +121,7 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = MANN_WHITNEY, len(a) + len(b)
     if not len(a) or not len(b):
-        return StatisticalTest(test, n, note="there is nothing to compare")
+        return StatisticalTest(test, n, note="there are no values to compare")
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
         return StatisticalTest(test, n, note="all values are equal")
@@ -181,7 +181,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     count, total = len(a), len(a) + len(b)
     test = "energy distance"
     if not len(a) or not len(b):
-        return StatisticalTest(test, total, note="there is nothing to compare")
+        return StatisticalTest(test, total, note="there are no values to compare")
     points = np.concatenate([a, b])
     apart = cdist(points, points)
     if not apart.any():
