@@ -113,7 +113,7 @@ def test_forged_plan_is_not_confirmatory(folder: Path, tmp_path: Path) -> None:
     assert "Confirmatory results" not in page
     assert "The date of the plan is unknown" in page
     assert "Rebuilt database." in page
-    assert "confirmatory" not in {row.planned for row in [*analysis.tests, *analysis.models]}
+    assert "confirmatory" not in {row.plan_status for row in [*analysis.tests, *analysis.models]}
     methods = (tmp_path / "forged" / "reporting" / "methods.md").read_text()
     assert "2025" not in methods
     assert "all results are exploratory" in methods

@@ -207,7 +207,10 @@ def train(
         ),
     ] = None,
 ) -> None:
-    """Train a policy by imitation and PPO. Needs the extra `train`."""
+    """Train a policy by imitation and PPO.
+
+    The command needs the extra `train`.
+    """
     from avrgym.learning.hyperparameter_files import hyperparameters_text
     from avrgym.people.populations import HUMAN_FILE
     from avrgym.simulation.engines.engine import check_engine
@@ -405,9 +408,9 @@ def fit_people(
     study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
     out: Annotated[Path, typer.Option(help="A new people file.", metavar="FILE")] = Path("people.toml"),
 ) -> None:
-    """Fit people to a study's participants.
+    """Fit simulated people to a study's participants.
 
-    Use the file with `--people FILE` in `train`, `evaluate` and `view`.
+    The command writes a people file. Use it with `--people FILE` in `train`, `evaluate` and `view`.
     """
     from avrgym.analysis.fit_people import fit_people, write_people
 
@@ -525,7 +528,7 @@ def evaluate(
             for difference in row["plugin_differences"]:
                 warn(f"{_title(row)}: differs from the policy's training: {difference}")
             if row["trained_with_force_guard"] and not force_guard:
-                warn(f"{_title(row)}: was trained with the force guard; --force-guard evaluates it so")
+                warn(f"{_title(row)}: was trained with the force guard; evaluate it with --force-guard")
             crowded = describe_excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
                 warn(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")

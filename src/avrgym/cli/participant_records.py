@@ -48,7 +48,7 @@ def record_adverse_event(
     action: Annotated[str | None, typer.Option(help="The action that was taken.")] = None,
     trial: Annotated[int | None, typer.Option(help="The position of the trial in which it began.")] = None,
     began: Annotated[
-        datetime | None, typer.Option(help="When it began, in this computer's time; default: now.")
+        datetime | None, typer.Option(help="Start of the event, in this computer's time zone; default: now.")
     ] = None,
     follow_up: Annotated[
         int | None,
@@ -257,17 +257,17 @@ def change_input(
     participant: Pseudonym,
     method: Annotated[str | None, typer.Option(help=f"The input method: {', '.join(INPUT_METHODS)}.")] = None,
     dwell: Annotated[
-        float | None, typer.Option("--dwell", help="head: seconds until the ring is full, 0.5 to 3.")
+        float | None, typer.Option("--dwell", help="Dwell time of the method head, s: 0.5 to 3.")
     ] = None,
     scan: Annotated[
-        float | None, typer.Option("--scan", help="one-switch: seconds on each target, 0.5 to 10.")
+        float | None, typer.Option("--scan", help="Time per target of the method one-switch, s: 0.5 to 10.")
     ] = None,
-    select_key: Annotated[str | None, typer.Option(help="two-switches: the key that selects.")] = None,
+    select_key: Annotated[str | None, typer.Option(help="The key of two-switches that selects.")] = None,
     resting_arm: Annotated[
         list[str] | None, typer.Option(help="An arm that does not move: left or right; repeatable.")
     ] = None,
     absent_arm: Annotated[
-        list[str] | None, typer.Option(help="An amputated arm: left or right; repeatable.")
+        list[str] | None, typer.Option(help="An absent (amputated) arm: left or right; repeatable.")
     ] = None,
     stop: Annotated[
         list[str] | None, typer.Option(help=f"The stop method: {', '.join(STOP_INPUTS)}; repeatable.")
@@ -283,7 +283,7 @@ def change_input(
     position: Annotated[
         str | None, typer.Option(help="Position of the panel: left, centre or right.")
     ] = None,
-    reduced_motion: Annotated[bool | None, typer.Option(help="Scene and dwell ring move in steps.")] = None,
+    reduced_motion: Annotated[bool | None, typer.Option(help="Move scene and dwell ring in steps.")] = None,
     read_aloud: Annotated[bool | None, typer.Option(help="Read texts aloud.")] = None,
     captions: Annotated[bool | None, typer.Option(help="Show a caption for each sound.")] = None,
 ) -> None:
@@ -335,7 +335,8 @@ def change_input(
 def functioning(folder: Folder, participant: Pseudonym) -> None:
     """Ask about functioning, devices and diagnosis.
 
-    The study's design must enable these questions. Each question may be declined. New answers replace earlier answers.
+    The study's design must enable these questions. A participant can decline each question. New answers replace earlier
+    answers.
     """
     from avrgym.study.design.functioning import (
         DEVICES,

@@ -79,7 +79,8 @@ def freeze(
             log(store, "store evidence of plan")
         elif may_adopt(store) and not template:
             print_line(
-                f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_plan(store).frozen_at} elsewhere"
+                f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_plan(store).frozen_at} at another "
+                "station"
             )
             log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():

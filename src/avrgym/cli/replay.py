@@ -174,8 +174,8 @@ def _print_differences(found: "Verification") -> None:
     print_table([asdict(difference) for difference in found.differences])
     if found.agrees and not found.same_rounding:
         print_line(
-            f"It agrees: each tick from a recorded state leads to the next one within {found.tick_error:.1g}. "
-            "The C library of this computer rounds differently."
+            f"The replay agrees: each tick from a recorded state reproduces the next state within "
+            f"{found.tick_error:.1g}. The C library of this computer rounds differently."
         )
         return
     for difference in found.plugin_differences:
@@ -184,9 +184,9 @@ def _print_differences(found: "Verification") -> None:
         return
     if found.same_versions:
         raise ReplayError(
-            f"the replay differs from the recording, although both used the same versions: {found.recorded_with}"
+            f"the replay differs from the recording, although their versions are equal: {found.recorded_with}"
         )
-    print_line(f"It was recorded with {found.recorded_with}; this is {versions()}.")
+    print_line(f"The trial was recorded with {found.recorded_with}; the installed versions are {versions()}.")
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:

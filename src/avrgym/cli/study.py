@@ -301,7 +301,7 @@ def confirm_participation(
 
     with report_errors(), Store(folder) as store:
         state = confirm_by(store, participant, evidence)
-    print_line(f"{participant} is {state}; `check` and the report state that the experimenter confirmed it")
+    print_line(f"{participant} is {state}; `check` and the report contain the experimenter's confirmation")
 
 
 @app.command()
@@ -396,7 +396,7 @@ def rebuild(folder: Folder) -> None:
             "you confirm each with `avrgym study confirm-participation`"
         )
     print_line(
-        "marked    `check` and the report state that the database was rebuilt; it no longer proves the date of a plan"
+        "marked    `check` and the report contain the rebuild of the database; it no longer proves the date of a plan"
     )
     for each in rebuilt.left_out:
         print_line(f"left out  {each}")

@@ -109,7 +109,7 @@ def restored_recordings_message(deleted_at: str) -> str:
 def _faults(store: Store, listed: Participation, beginnings: Mapping[int, datetime]) -> Iterator[str]:
     end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_id)
     if end is not None and end.list_id != listed.list_id:
-        yield "is of another study than the earlier list in this folder"
+        yield "belongs to another study than the earlier list in this folder"
     elif end is not None and not listed.contains(end.digest):
         yield "was replaced by an older copy: this computer has stored later entries"
     for number, began in beginnings.items():
