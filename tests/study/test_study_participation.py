@@ -234,7 +234,7 @@ FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "edited": (edit, "does not match its checksum"),
     "signed with another key": (resign, "is not signed with this user's key"),
     "set back": (cut, "was replaced by an older copy"),
-    "of another study": (another, "of another study"),
+    "of another study": (another, "belongs to another study"),
 }
 
 
