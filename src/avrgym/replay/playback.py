@@ -69,7 +69,7 @@ class Playback:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
         """
         if not recording.topics["/physics"]:
-            raise ReplayError("the recording is truncated before its first state")
+            raise ReplayError("the recording is truncated before its first state; it cannot be replayed")
         self.recording = recording
         _check_world_version(recording)
         try:
