@@ -144,7 +144,7 @@ class FrozenPlan:
 
     @property
     def confirmed(self) -> Plan | None:
-        """The plan if its tests are confirmatory; otherwise ``None``."""
+        """Returns the plan if its tests are confirmatory; otherwise ``None``."""
         return self.plan if self.is_confirmatory else None
 
 

@@ -152,7 +152,7 @@ class Analysis:
 
     @property
     def tests(self) -> list[ComparisonRow]:
-        """The test rows of all families."""
+        """Returns the test rows of all families."""
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:

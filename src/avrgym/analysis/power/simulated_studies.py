@@ -43,7 +43,8 @@ class Assumptions:
         for field in fields(self):
             value = getattr(self, field.name)
             if not np.isfinite(value) or (value < 0 and field.name != "drift"):
-                raise ValueError(f"{field.name} is {value:g}; allowed: 0 or more")
+                allowed = "any finite number" if field.name == "drift" else "0 or more"
+                raise ValueError(f"{field.name} is {value:g}; allowed: {allowed}")
         if self.dropout >= 1:
             raise ValueError(f"dropout is {self.dropout:g}; allowed: 0 or more, below 1")
 

@@ -72,7 +72,7 @@ class StudyData:
 
     @property
     def analysed(self) -> set[str]:
-        """Pseudonyms of all participants with an analysed trial or an analysed answer."""
+        """Returns the pseudonyms of all participants with an analysed trial or an analysed answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
     def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
