@@ -44,7 +44,10 @@ class MixedFit:
 
     @property
     def zero_variances(self) -> list[int]:
-        """Returns the indices of random effects with zero or negative variance. With such an effect, the fit is singular."""
+        """Returns the indices of random effects with zero or negative variance.
+
+        With such an effect, the fit is singular.
+        """
         *groups, single = self.variances.tolist()
         return [
             place for place, variance in enumerate(groups) if variance <= MAX_SINGULAR_SHARE * abs(single)
