@@ -121,7 +121,7 @@ def test_no_environment_left_is_an_error(
     assert refused.exit_code == 1
     assert (
         refused.stderr.splitlines()[-1]
-        == "avrgym: no environment was evaluated: all were skipped; see the reported errors"
+        == "avrgym: no environment was evaluated: all were skipped; correct the errors above"
     )
 
 

@@ -55,7 +55,7 @@ def train(*arguments: str | Path) -> Result:
                 "--num-envs",
                 "1",
             ],
-            "leave out the teacher, or set the imitation share",
+            "remove the teacher, or set the imitation share above 0",
         ),
     ],
 )

@@ -109,7 +109,7 @@ def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_pat
     assert tensors(cut) == tensors(whole)
     with pytest.raises(ValueError, match="complete"):
         resume(cut)
-    with pytest.raises(FileExistsError, match="already contains a training"):
+    with pytest.raises(FileExistsError, match="already contains a training run"):
         train(configuration, cut)
 
 
@@ -127,7 +127,7 @@ def test_a_longer_training_has_as_much_imitation(rounds):
     for more in (0, 1, 10, 100):
         longer = configuration.with_steps(200 * (rounds + more))
         assert (longer.updates, longer.imitation_updates) == (rounds + more, configuration.imitation_updates)
-    with pytest.raises(ValueError, match="fewer than the training's"):
+    with pytest.raises(ValueError, match="but the training run has"):
         configuration.with_steps(200 * rounds - 200)
 
 
@@ -223,7 +223,7 @@ def test_an_unsuitable_initial_policy_is_refused_before_anything_is_written(name
     initial = str(wrong) if name == "adaptive" else name
     with pytest.raises(ValueError, match=message):
         train(replace(TINY, initial=initial), tmp_path / "out")
-    with pytest.raises(ValueError, match="leave out the teacher"):
+    with pytest.raises(ValueError, match="remove the teacher"):
         train(replace(TINY, initial="adaptive", teacher="revised"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -268,7 +268,7 @@ def test_a_missing_extra_is_named_with_its_installation(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rsl_rl.algorithms", None)
     said = refused(tmp_path, "--engine", "warp:cpu")
-    assert "training on the engine warp needs rsl_rl.algorithms: `pip install avrgym[train,gpu]`" in said
+    assert "training on the engine warp needs rsl_rl.algorithms; run `pip install avrgym[train,gpu]`" in said
 
 
 def test_training_without_a_gpu_is_refused(tmp_path: Path) -> None:
@@ -285,7 +285,8 @@ def test_a_cluster_is_refused_with_a_device(tmp_path: Path) -> None:
         """Workers that need not be there."""
 
     with pytest.raises(
-        ValueError, match="--cluster needs the engine threads; leave out --cluster or --engine warp:cpu"
+        ValueError,
+        match="--cluster works only with the engine threads; remove --cluster or --engine warp:cpu",
     ):
         train(TINY, tmp_path / "out", cluster=Cluster())  # pyright: ignore[reportArgumentType]
     assert not (tmp_path / "out").exists()

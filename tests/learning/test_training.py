@@ -162,7 +162,7 @@ def test_a_training_stores_its_configuration_and_its_log(trained):
 def test_a_used_folder_is_refused_and_not_changed(trained):
     _, out = trained
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(FileExistsError, match="already contains a training; choose another folder"):
+    with pytest.raises(FileExistsError, match="already contains a training run; choose another folder"):
         train(TINY, out)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 

@@ -1,4 +1,4 @@
-"""Configurations of trainings: environment, people, number of steps, and hyperparameters."""
+"""Configurations of training runs: environment, people, number of steps, and hyperparameters."""
 
 from abc import abstractmethod
 from dataclasses import asdict, dataclass, replace
@@ -20,13 +20,13 @@ from avrgym.tasks.settings import DEFAULTS, Settings
 
 CONFIGURATION_FILE = "configuration.json"
 RECURRENT_FILE = "adaptive.json"
-"""The configuration of a training by the recipe ``adaptive``."""
+"""Name of the configuration file of a training run with the recipe ``adaptive``."""
 VISUAL_FILE = "visual.json"
-"""The configuration of a training by the recipe ``visual``."""
+"""Name of the configuration file of a training run with the recipe ``visual``."""
 PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
-"""Name of the stored people in a training's folder: of the people file, or of the folder of trained humans."""
+"""Name of the copied people in the folder of a training run: a people file, or a folder of trained humans."""
 LEARNING_VERSION = 2
-"""Version of the training algorithm. A training is resumed only by the version that started it."""
+"""Version of the training algorithm. A training run is resumed only with the version that started it."""
 RENAMED_KEYS = {
     "worlds": "num_envs",
     "minibatch": "batch_size",
@@ -40,11 +40,11 @@ RENAMED_KEYS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Settings of a training in which robot and human both learn. The human's bodies are drawn from the population.
+    """Settings of joint training: robot and human both learn. The human's bodies are drawn from the population.
 
-    If ``alternate`` is 0, both agents learn in each update. Otherwise the agents take turns of ``alternate`` updates;
-    the robot learns first. If the reward is not shared, each agent's reward contains only the agent's own action
-    penalty.
+    If ``alternate`` is 0, both agents learn in each update. Otherwise only one agent learns at a time, for
+    ``alternate`` updates; the robot learns first. If ``shared_reward`` is false, each agent's reward contains only the
+    agent's own action penalty.
     """
 
     alternate: int = 0
@@ -57,7 +57,7 @@ class TrainingConfiguration:
 
     ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
     force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
-    ``motion_version`` is that of people whose name contains no version.
+    ``motion_version`` is the version of the motion model, for people without a version in their name.
     """
 
     environment: str
@@ -90,7 +90,7 @@ class TrainingConfiguration:
     @property
     @abstractmethod
     def imitation_updates(self) -> int:
-        """Number of imitation updates. They are the first updates of a training."""
+        """Number of imitation updates. They are the first updates of a training run."""
 
     @property
     def imitation_steps(self) -> int:
@@ -99,16 +99,16 @@ class TrainingConfiguration:
 
     @abstractmethod
     def with_steps(self, steps: int) -> Self:
-        """The configuration with another number of steps and the same number of imitation updates.
+        """Returns the configuration with another number of steps and the same number of imitation updates.
 
         Raises:
-            ValueError: for fewer steps, if the recipe does not allow them.
+            ValueError: if ``steps`` is smaller than before and the recipe does not allow this.
         """
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
-    """Settings of a training of a robot's feed-forward policy. With ``pairing``, a human's policy is trained too."""
+    """Settings of the training of a robot's feed-forward policy. With ``pairing``, a human's policy is trained too."""
 
     people: str = ORIGINAL
     impairment: str = "none"
@@ -125,25 +125,25 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
     def _ppo_progress(self, steps: float) -> float:
-        """The share of PPO that is completed after ``steps`` environment steps, 0 to 1."""
+        """Returns the completed share of PPO after ``steps`` environment steps, 0 to 1."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
-        """Natural logarithm of the action standard deviation after ``steps``."""
+        """Returns the natural logarithm of the action standard deviation after ``steps`` environment steps."""
         first, last = self.log_std
         return first + self._ppo_progress(steps) * (last - first)
 
     def learning_rate_at(self, steps: float) -> float:
-        """The learning rate after ``steps``."""
+        """Returns the learning rate after ``steps`` environment steps."""
         return self.learning_rate * max(0.01, 1.0 - self._ppo_progress(steps))
 
     def force_weight_at(self, steps: float) -> float:
-        """The reward penalty per newton of force on the person after ``steps``."""
+        """Returns the reward penalty per newton of force on the person after ``steps`` environment steps."""
         return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
     def actor_learns_at(self, steps: int) -> bool:
-        """Whether the actor learns in addition to the critic. In the first ``critic_updates`` updates after imitation,
-        only the critic learns."""
+        """Returns whether the actor learns after ``steps`` environment steps. In the first ``critic_updates`` updates
+        after imitation, only the critic learns."""
         critic_steps = self.critic_updates * self.update_steps
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
@@ -159,10 +159,10 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
 
 @dataclass(frozen=True, kw_only=True)
 class RecurrentConfiguration(TrainingConfiguration):
-    """Settings of a training of a recurrent policy.
+    """Settings of the training of a recurrent policy.
 
     The first updates imitate the task's expert, or the policy ``teacher`` (name or file). ``initial`` is a recurrent
-    policy (name or file) from which training starts; its layer sizes replace ``memory_size`` and ``net_arch``.
+    policy (name or file) with the initial weights; its layer sizes replace ``memory_size`` and ``net_arch``.
     ``imitation_share`` is ``RECURRENT.imitation_share`` by default, or 0 if there is an initial policy.
     """
 
@@ -186,21 +186,21 @@ class RecurrentConfiguration(TrainingConfiguration):
         longer = replace(self, steps=steps)
         if longer.updates < self.updates:
             raise ValueError(
-                f"{steps} steps are fewer than the training's {self.steps}; allowed: {self.steps} or more"
+                f"--steps is {steps}, but the training run has {self.steps} steps; allowed: {self.steps} or more"
             )
         return replace(longer, imitation_share=self.imitation_updates / longer.updates)
 
     def ppo_progress(self, update: int) -> float:
-        """The share of PPO that is completed before an update, 0 to 1. It is 0 while only the critic learns."""
+        """Returns the completed share of PPO before an update, 0 to 1. It is 0 while only the critic learns."""
         first = self.imitation_updates + RECURRENT.critic_updates
         return max(0.0, (update - first) / max(1, self.updates - first))
 
 
 @dataclass(frozen=True, kw_only=True)
 class VisualConfiguration(TrainingConfiguration):
-    """Settings of a training of a policy with vision.
+    """Settings of the training of a policy with vision.
 
-    The policy imitates ``teacher`` (name or file of a policy). It observes images of ``camera``, see
+    The policy imitates ``teacher`` (name or file of a policy). Its observations contain images of ``camera``, see
     ``models.cameras``.
     """
 
@@ -237,7 +237,7 @@ def configuration_for(
     pairing: Pairing | None = None,
     **others: Any,
 ) -> FeedforwardConfiguration:
-    """Returns the settings of a training of a feed-forward policy. Default hyperparameters: those of the task.
+    """Returns the settings for training a feed-forward policy. Default hyperparameters: those of the task.
 
     Raises:
         ValueError: for an unknown environment. The message contains the allowed ids.
@@ -256,7 +256,7 @@ def configuration_for(
 
 
 def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
-    """Write a configuration into the folder of its training."""
+    """Write a configuration into the folder of its training run."""
     files: dict[type, str] = {RecurrentConfiguration: RECURRENT_FILE, VisualConfiguration: VISUAL_FILE}
     path = out / files.get(type(configuration), CONFIGURATION_FILE)
     write_atomically(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
@@ -268,14 +268,15 @@ def contains_training(out: Path) -> bool:
 
 
 def read_configuration(out: Path) -> AnyConfiguration:
-    """Read the configuration of the training in ``out``. Files of version 0.2 are accepted too; people move in them as
-    in version 1 of the motion.
+    """Read and return the configuration of the training run in the folder ``out``.
+
+    Files of version 0.2 are accepted. Their people use version 1 of the motion model.
 
     Raises:
-        ValueError: if ``out`` contains no training, or a training of another learning version.
+        ValueError: if ``out`` contains no training run, or one with another learning version.
     """
     if not contains_training(out):
-        raise ValueError(f"{out} contains no training; allowed: the folder of a training")
+        raise ValueError(f"{out} contains no training run; allowed: the --out folder of `avrgym train`")
     kinds = {
         RECURRENT_FILE: RecurrentConfiguration,
         VISUAL_FILE: VisualConfiguration,
@@ -293,12 +294,15 @@ def read_configuration(out: Path) -> AnyConfiguration:
         configuration = replace(configuration, people=f"{configuration.people}@1")
     version = stored.get("learning_version") if kind is FeedforwardConfiguration else LEARNING_VERSION
     if version != LEARNING_VERSION:
-        raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
+        raise ValueError(
+            f"{path}: the training run has learning version {version}; allowed: {LEARNING_VERSION}. Start a new "
+            "training run, or resume it with the AVR Gym version that started it"
+        )
     return configuration
 
 
 def _people_move(configuration: AnyConfiguration) -> bool:
-    """Whether a training with a population without a version meets people who move."""
+    """Returns whether the people of a training run move. ``False`` if the name of the population has a version."""
     named = NAMED_DISTRIBUTIONS.get(configuration.people)
     if named is None or "@" in configuration.people:
         return False
@@ -310,7 +314,7 @@ def _people_move(configuration: AnyConfiguration) -> bool:
 
 
 def store_people(people: str, out: Path) -> None:
-    """Copy a people file, or trained humans, into the folder of a training."""
+    """Copy a people file, or trained humans, into the folder of a training run."""
     if people in NAMED_DISTRIBUTIONS:
         return
     copy = out / PEOPLE
@@ -320,7 +324,7 @@ def store_people(people: str, out: Path) -> None:
 
 
 def stored_people(people: str, out: Path) -> str:
-    """Returns ``people`` if it names a population, otherwise the path of the copy of the people in ``out``."""
+    """Returns ``people`` if it is the name of a population, otherwise the path of their copy in the folder ``out``."""
     if people in NAMED_DISTRIBUTIONS:
         return people
     copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]

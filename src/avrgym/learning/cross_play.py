@@ -1,4 +1,4 @@
-"""Evaluation of every policy with every population."""
+"""Cross-play: evaluation of every policy with every population."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 ReportOmitted = Callable[[str, Exception], None]
-"""Function that is called with the name of each skipped environment, and its error."""
+"""Function that is called for skipped environments. Arguments: a description of them, and the error."""
 Run = Callable[[Sequence[str]], list[Evaluation]]
 """Function that evaluates one policy with one population in some environments."""
 
@@ -47,13 +47,13 @@ def cross_play(
 ) -> list[Evaluation]:
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
-    The arguments are those of ``evaluate_all``. All policies are evaluated in the same episodes of an environment. If
-    ``leave_out`` is given, environments that lack the policy or the people, or fail, are skipped. It is called once
-    with all environments that lack a policy or people, and for each environment that fails.
+    The arguments are those of ``evaluate_all``. In an environment, all policies are evaluated in the same episodes. If
+    ``leave_out`` is given, environments without the policy or population are skipped, and environments with an error.
+    ``leave_out`` is called once for the environments without a policy or population, and once for each error.
 
     Raises:
         ValueError: before the evaluation, for an unknown name; the message contains the allowed values. With
-            ``leave_out``, only if a name is unknown in every environment, or if all environments fail.
+            ``leave_out``: only if a name is unknown in every environment, or if all evaluations fail.
     """
     find_impairment(impairment)
     check_engine(engine)
@@ -105,7 +105,7 @@ def cross_play(
                 found = _rows(run, chosen, f"{policy} and {population}", leave_out)
                 rows += sorted(found, key=lambda row: chosen.index(row.env))
     if not rows:
-        raise ValueError("no environment was evaluated: all were skipped; see the reported errors")
+        raise ValueError("no environment was evaluated: all were skipped; correct the errors above")
     return rows
 
 
@@ -115,8 +115,10 @@ def _environments_with(
     find: Callable[[str, str], object],
     leave_out: ReportOmitted | None,
 ) -> set[str]:
-    """Returns the environments in which ``find`` finds the policy or population ``name``. Raises the first error if
-    there are none, or if ``leave_out`` is None."""
+    """Returns the environments that have the policy or population ``name``, according to ``find``.
+
+    Raises the first error if there are none, or if ``leave_out`` is None.
+    """
     errors: dict[str, Exception] = {}
     for environment_id in environment_ids:
         try:
@@ -133,8 +135,10 @@ def _environments_with(
 def _rows(
     run: Run, environment_ids: Sequence[str], label: str, leave_out: ReportOmitted
 ) -> Iterator[Evaluation]:
-    """Evaluate packaged environments together, and other environments one by one. If the joint evaluation fails,
-    evaluate the packaged ones one by one too."""
+    """Evaluate packaged environments together, and other environments one by one. Yields the results.
+
+    If the joint evaluation fails, the packaged environments are evaluated one by one as well.
+    """
     packaged = [each for each in environment_ids if each in ENVIRONMENTS]
     single = [each for each in environment_ids if each not in ENVIRONMENTS]
     try:

@@ -30,13 +30,14 @@ Progress = Callable[[int], None]
 
 MAX_WORLDS = 64
 MIN_EPISODES_PER_PROCESS = 16
-"""Minimum number of episodes per process. To start another process for fewer episodes would take longer."""
+"""Minimum number of episodes per process. With fewer episodes, the start of another process takes too long."""
 QUANTILE = NormalDist().inv_cdf(0.975)
-"""Standard normal quantile of two-sided 95 % intervals."""
+"""Quantile of the standard normal distribution for two-sided 95 % intervals."""
 
 
 class Results(NamedTuple):
-    """Results of n episodes, arrays (n,). ``draws`` is the number of sampled initial states, see ``Evaluation``."""
+    """Results of n episodes, arrays (n,). ``draws`` is the number of initial states that were sampled until one had
+    enough clearance, see ``Evaluation``."""
 
     reward: FloatArray
     success: BoolArray
@@ -53,11 +54,11 @@ class Evaluation:
 
     ``force_mean_newton`` is the mean force on the person over all steps. ``force_regions`` contains forces by body
     region. ``episodes_over_limit`` is the number of episodes in which a region exceeded its limits, see
-    ``RegionLoads``. ``guard_interventions`` is the mean number of interventions per episode, ``None`` without the force
-    guard. ``plugin_differences`` lists plug-ins that changed since the policy's training. Initial states are resampled
-    until they have enough clearance. ``start_draws_mean`` and ``start_draws_max`` are the mean and maximum number of
-    samples per episode, ``starts_refused`` is the number of rejected samples. ``settings`` contains the settings that
-    differ from the defaults. ``steps`` is the number of control steps of an episode.
+    ``RegionLoads``. ``guard_interventions`` is the mean number of force guard interventions per episode, ``None``
+    without the force guard. ``plugin_differences`` lists plug-ins that changed since the policy's training. Initial
+    states are resampled until they have enough clearance. ``start_draws_mean`` and ``start_draws_max`` are the mean and
+    maximum number of samples per episode. ``starts_refused`` is the number of rejected samples. ``settings`` contains
+    the settings that differ from the defaults. ``steps`` is the number of control steps of an episode.
     """
 
     env: str
@@ -160,11 +161,11 @@ def evaluate_all(
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
 ) -> list[Evaluation]:
-    """Evaluate a policy in each environment. Returns the results by environment, in the same order.
+    """Evaluate a policy in each environment. Returns one result per environment, in the same order.
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
-        policy: a name or path that ``policies.registry.find`` knows; not ``operator``.
+        policy: a name or path that ``policies.registry.find`` accepts; not ``operator``.
         people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder of
             trained humans.
         episodes: number per environment, 1 or more.
@@ -173,7 +174,7 @@ def evaluate_all(
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
         split: episodes of the test or the validation split, see ``random_streams``.
         jobs: number of processes; it does not change results. Default: one per core if there are enough episodes; one
-            if physics runs on a device.
+            if physics is computed on a device.
         cluster: a cluster that runs the episodes instead of this computer. It does not change results.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         force_guard: whether the force guard limits contact force and approach speed.
@@ -184,12 +185,12 @@ def evaluate_all(
         steps: number of control steps of an episode.
 
     Raises:
-        ValueError: for an unknown name, a policy that does not fit, or fewer than one episode. The message contains the
-            allowed values.
+        ValueError: for an unknown name, a policy of another environment, settings or sizes, or fewer than one episode.
+            The message contains the allowed values.
         ControllerError: if the controller of another package fails.
     """
     if episodes < 1:
-        raise ValueError(f"episodes is {episodes}; allowed: 1 or more")
+        raise ValueError(f"the number of episodes is {episodes}; allowed: 1 or more")
     found: list[registry.RobotPolicy] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
@@ -239,7 +240,7 @@ def evaluate_all(
 
 
 def _parts(episodes: int, size: int) -> list[range]:
-    """Split the episode numbers into ranges of at most ``size``. Lengths of ranges differ by at most 1."""
+    """Split the episode numbers into ranges with at most ``size`` numbers. Lengths of ranges differ by at most 1."""
     count = -(-episodes // size)
     bounds = [number * episodes // count for number in range(count + 1)]
     return [range(*bound) for bound in pairwise(bounds)]
@@ -282,7 +283,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
 
 
 def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy) -> Evaluation:
-    """Combine the results of an environment's batches."""
+    """Combine the results of an environment's batches. Returns one evaluation."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")

@@ -1,6 +1,6 @@
 """Recipe of feed-forward policies: imitation, then PPO. It trains a robot, or a robot and a human together.
 
-During the episodes of an update, policy and normaliser are constant. Each world has its own exploration noise. Policy,
+Policy and normaliser do not change during the episodes of an update. Each world has its own exploration noise. Policy,
 seed and number of past steps determine the episodes. The trained weights therefore do not depend on the processes that
 run the episodes.
 """
@@ -46,16 +46,17 @@ RollOut = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollo
 """Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_all`` per
 request."""
 LOG_NAMES = "PPO", "human"
-"""Names of the robot and the human in TensorBoard's log."""
+"""Names of the logs of the robot and the human in TensorBoard."""
 WORLDS_PER_WORKER = 64, 128
-"""Minimum and maximum number of worlds per worker of a cluster. A training with few worlds may use fewer."""
+"""Minimum and maximum number of worlds per worker of a cluster. Training runs with few worlds may use fewer."""
 
 
 def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None") -> None:
-    """Check that a training can run.
+    """Check the configuration of a training run.
 
     Raises:
-        ValueError, RuntimeError: if it cannot. The message contains the allowed values.
+        ValueError: for settings that cannot be combined. The message contains the allowed values.
+        RuntimeError: if packages for training on a device are missing.
     """
     if configuration.pairing is not None:
         _check_pairing(configuration.environment, people)
@@ -64,18 +65,20 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
     import_libraries()
     if configuration.force_guard:
         raise ValueError(
-            f"the force guard needs the engine threads; leave out --engine {configuration.engine}"
+            f"the force guard works only with the engine threads; remove --engine {configuration.engine}"
         )
     if configuration.pairing is not None or is_trained_human(people):
-        raise ValueError(f"trained humans need the engine threads; leave out --engine {configuration.engine}")
+        raise ValueError(
+            f"trained humans work only with the engine threads; remove --engine {configuration.engine}"
+        )
     if cluster is not None:
         raise ValueError(
-            f"--cluster needs the engine threads; leave out --cluster or --engine {configuration.engine}"
+            f"--cluster works only with the engine threads; remove --cluster or --engine {configuration.engine}"
         )
 
 
 def _check_pairing(environment: str, people: str) -> None:
-    """Raise ``ValueError`` for a human without actions, or for trained humans."""
+    """Raise ``ValueError`` if the human has no actions in the environment, or is a trained human."""
     _, joints = human_view_of(environment)
     if not joints:
         raise ValueError(
@@ -89,8 +92,8 @@ def _check_pairing(environment: str, people: str) -> None:
 
 
 def num_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
-    """Returns the number of requests among which an update's worlds are divided: a multiple of the number of
-    workers."""
+    """Returns the number of rollout requests per update: a multiple of the number of workers. The worlds are divided
+    among the requests."""
     if cluster is None:
         return 1
     least, most = WORLDS_PER_WORKER
@@ -101,7 +104,8 @@ def num_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | No
 
 
 class FeedforwardRecipe:
-    """See ``recipe.Recipe``. The agents are the robot and, with ``pairing``, the human."""
+    """The recipe of feed-forward policies, see ``recipe.Recipe``. The agents are the robot and, with ``pairing``, the
+    human."""
 
     def __init__(
         self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
@@ -171,8 +175,8 @@ class FeedforwardRecipe:
         return policies
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """See ``Recipe.state``. The state contains NumPy's global random stream; Stable-Baselines3 draws minibatches
-        from it."""
+        """See ``Recipe.state``. The state contains NumPy's global random stream, because Stable-Baselines3 uses it for
+        minibatches."""
         tensors = {
             **ppo.agent_state(self._agents[0]),
             "torch_random": torch.get_rng_state(),

@@ -1,8 +1,8 @@
-"""Failed episodes that training repeats until they succeed.
+"""Replay of failed episodes: training repeats them until they succeed.
 
 A policy learns slowly from rare failures, for example if the arm jams the person's hand in one of a hundred initial
-states. Repetition makes them frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level replay", ICML
-2021).
+states. Repetition makes such initial states frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level
+replay", ICML 2021).
 """
 
 from collections.abc import Sequence
@@ -18,20 +18,20 @@ STORED_EPISODES = 256
 class HardEpisodes:
     """Chooses the episodes of N worlds. A seed identifies each episode.
 
-    ``stored`` contains the seeds of failed episodes, the newest at the end. Of the episodes chosen last, the first
-    ``repeated`` are repetitions.
+    ``stored`` contains the seeds of failed episodes, the newest at the end. ``repeated`` is the number of repeated
+    episodes in the latest choice; they are in the first worlds.
     """
 
     def __init__(self, worlds: int, share: float, seed: int) -> None:
-        """Repeat episodes in at most a ``share`` of the worlds. ``seed`` is the training's seed."""
+        """Repeat episodes in at most a ``share`` of the worlds. ``seed`` is the seed of the training run."""
         self.stored: list[int] = []
         self.repeated = 0
         self._worlds, self._max_repeated, self._seed = worlds, int(share * worlds), seed
         self._chosen: list[int] = []
 
     def choose(self, steps: int) -> list[int]:
-        """Choose the next episodes after ``steps`` environment steps. Returns their seeds (N,), always the same for the
-        same state."""
+        """Choose the next episodes after ``steps`` environment steps. Returns their N seeds. The same state gives the
+        same seeds."""
         random = random_streams.hard_episode_generator(self._seed, steps)
         old = random.permutation(self.stored)[: self._max_repeated].tolist()
         new = random.integers(2**53, size=self._worlds - len(old)).tolist()

@@ -1,5 +1,4 @@
-"""Hyperparameter files: TOML with fields of ``Hyperparameters``. Fields that are not in the file have the task's
-values."""
+"""Hyperparameter files: TOML with fields of ``Hyperparameters``. Missing fields have the values of the task."""
 
 import json
 import tomllib
@@ -17,7 +16,7 @@ from avrgym.system.type_guards import is_array
 
 
 def read_hyperparameters(path: Path, environment: str) -> Hyperparameters:
-    """Read a file of hyperparameters for an environment.
+    """Read and return the hyperparameters in a file, for an environment.
 
     Raises:
         ValueError: for invalid TOML, names or values. The message contains the allowed values.
@@ -27,7 +26,7 @@ def read_hyperparameters(path: Path, environment: str) -> Hyperparameters:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
+    """Read a TOML file. Returns its top-level table.
 
     Raises:
         ValueError: for invalid TOML.
@@ -40,15 +39,16 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validation_error(error: msgspec.ValidationError, where: str) -> ValueError:
-    """Convert an error of msgspec to ``ValueError``. The message contains ``where`` and the path of the wrong value."""
+    """Convert an error of msgspec to a ``ValueError``. The message contains ``where`` and the key of the value."""
     what, _, path = str(error).partition(" - at `$")
     place = path.strip("`.")
     return ValueError(f"{where}: {place}{': ' if place else ''}{what[:1].lower()}{what[1:]}")
 
 
 def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where: str) -> Hyperparameters:
-    """Returns the hyperparameters of an environment with ``changes``. Error messages contain ``where`` (the file or its
-    part).
+    """Returns the hyperparameters of an environment, with ``changes``.
+
+    Error messages contain ``where``: the file, or a part of it.
 
     Raises:
         ValueError: for an unknown name or a wrong value. The message contains the allowed values.

@@ -1,7 +1,7 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
-``Hyperparameters`` are for feed-forward policies (imitation, then PPO). A user changes them with ``avrgym train
---config FILE``. ``TASK_CHANGES`` contains values for specific tasks, ``PAPER`` the values of ``--recipe paper``.
+``Hyperparameters`` are for feed-forward policies (imitation, then PPO). Users change them with ``avrgym train --config
+FILE``. ``TASK_CHANGES`` contains values for specific tasks, ``PAPER`` the values of ``--recipe paper``.
 ``IMITATION``, ``RECURRENT`` and ``VISUAL`` contain the fixed values of imitation, ``--recipe adaptive`` and ``--recipe
 visual``.
 """
@@ -128,9 +128,9 @@ PAPER = Hyperparameters(
 The paper reports neither the exploration noise nor the number of episodes per update. ``log_std`` is that of feeding.
 """
 PAPER_STEPS = 10_000_000
-"""Environment steps of each training in the paper (section VI)."""
+"""Environment steps of each training run in the paper (section VI)."""
 TRAINING_STEPS = 1_000_000
-"""Default number of environment steps of a feed-forward training."""
+"""Default number of environment steps for training a feed-forward policy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +139,8 @@ class ImitationHyperparameters:
     actions over the demonstrations of all rounds."""
 
     expert_share: float = 0.8
-    """Share of worlds that the expert drives, relative to the previous round. In the first round the expert
-    drives all worlds.
+    """Share of worlds that the expert controls, relative to the previous round. In the first round the expert
+    controls all worlds.
     """
     batch_size: int = 1024
     n_epochs: int = 10
@@ -156,7 +156,7 @@ class ImitationHyperparameters:
 class RecurrentHyperparameters:
     """Hyperparameters of a recurrent policy (``--recipe adaptive``): imitation, then PPO.
 
-    PPO's learning rate after imitation is low: with a higher rate the policy loses the imitated behaviour.
+    PPO's learning rate after imitation is low. With a higher rate, the policy would forget the imitated behaviour.
     """
 
     window: int = 50
@@ -199,14 +199,14 @@ class RecurrentHyperparameters:
     log_std: tuple[float, float] = (-2.3, -2.6)
     """Natural logarithm of action_std at the start and the end of PPO."""
     final_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
-    """Candidates for the finished policy's action_std. The one with the highest success rate is chosen."""
+    """Candidates for the action_std of the trained policy. The candidate with the highest success rate is selected."""
 
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     rewarded_force_n: float = 1.5
     """Force in newtons above which the reward of PPO does not increase further."""
     overload_weight: float = 5.0
-    """Reward penalty in PPO for a force equal to a region's transient limit, see ``rollouts.RolloutRequest``."""
+    """Reward penalty in PPO for a force at the transient limit of a body region, see ``rollouts.RolloutRequest``."""
 
 
 @dataclass(frozen=True, kw_only=True)

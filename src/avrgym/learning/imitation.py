@@ -1,7 +1,7 @@
 """Imitation of an expert before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
 
-The share of worlds that the policy drives increases from round to round. The expert's actions are recorded in all
-worlds. After each round the policy is fitted to the demonstrations of all rounds.
+The share of worlds that the policy controls increases from round to round. The expert's actions are recorded in all
+worlds. After each round, the policy is fitted to the demonstrations of all rounds.
 """
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
@@ -26,8 +26,9 @@ DEMONSTRATIONS_FOLDER = "shown"
 
 @dataclass(frozen=True)
 class Demonstration:
-    """Observations (S, O) and the expert's actions (S, A) of a round, or both as (T, N, ...); single
-    precision.
+    """Observations and the expert's actions of one round, in single precision.
+
+    Shapes are (S, O) and (S, A) for S steps, or (T, N, O) and (T, N, A) for T steps in N worlds.
     """
 
     observations: Float32Array
@@ -38,14 +39,14 @@ D = TypeVar("D", bound=Demonstration)
 
 
 class Demonstrations(Generic[D]):
-    """The demonstrations of all rounds. Each round has its own file."""
+    """The demonstrations of all rounds of imitation. Each round has its own file."""
 
     def __init__(self, out: Path, kind: type[D]) -> None:
         self.rounds: list[D] = []
         self._folder, self._kind = out / DEMONSTRATIONS_FOLDER, kind
 
     def append(self, demonstration: D) -> None:
-        """Append a round, and write its file."""
+        """Append the demonstrations of a round, and write them into a file."""
         self._folder.mkdir(exist_ok=True)
         np.savez(self._file(len(self.rounds)), **asdict(demonstration))
         self.rounds.append(demonstration)
@@ -67,7 +68,9 @@ class Demonstrations(Generic[D]):
             with np.load(file) as arrays:
                 return self._kind(**arrays)
         except (OSError, ValueError, TypeError, BadZipFile) as error:
-            raise ValueError(f"{file}: not a file of demonstrations ({error})") from error
+            raise ValueError(
+                f"{file}: not a file of demonstrations ({error}); start the training run again in a new folder"
+            ) from error
 
     def _file(self, number: int) -> Path:
         return self._folder / f"round_{number:04}.npz"

@@ -1,4 +1,4 @@
-"""Running mean and variance that scale observations and rewards. Each training update changes them once."""
+"""Normalisation of observations and rewards by running mean and variance. Each training update changes them once."""
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -53,7 +53,7 @@ class ObservationMoments(RunningMeanStd):
 
 
 class Normaliser:
-    """Scales observations and rewards. Attributes have the names of Stable-Baselines3's ``VecNormalize``."""
+    """Normalises observations and rewards. Attributes have the names of Stable-Baselines3's ``VecNormalize``."""
 
     def __init__(self, observation: ObservationScales, gamma: float) -> None:
         self.obs_rms = ObservationMoments(observation)
@@ -62,7 +62,7 @@ class Normaliser:
         self._gamma = gamma
 
     def normalize_obs(self, obs: Any) -> Any:
-        """Returns observations (…, O) in standard deviations from the mean, clipped, single precision."""
+        """Returns normalised observations (…, O): mean 0, standard deviation 1, clipped, single precision."""
         xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
         scaled = (obs - to_device_of(self.obs_rms.mean, obs)) / to_device_of(deviation, obs)
@@ -74,8 +74,8 @@ class Normaliser:
         _update(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
 
     def normalize_rewards(self, rollout: Rollout) -> Any:
-        """Update the moments of discounted returns. Returns the rewards (T, n), divided by the returns' standard
-        deviation and clipped."""
+        """Update mean and variance of the discounted returns. Returns the rewards (T, n), divided by the standard
+        deviation of the returns, and clipped."""
         rewards, xp = rollout.rewards, namespace(rollout.rewards)
         discounted = xp.zeros(rewards.shape[1], dtype=xp.float64, device=rewards.device)
         returns: list[Any] = []
@@ -87,11 +87,11 @@ class Normaliser:
         return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
 
     def state(self) -> dict[str, Any]:
-        """Returns the moments, for a checkpoint."""
+        """Returns the running means and variances, for a checkpoint."""
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Restore the moments from a checkpoint."""
+        """Restore the running means and variances from a checkpoint."""
         for moments, name in ((self.obs_rms, "observations"), (self.ret_rms, "returns")):
             stored = state[name]
             moments.mean, moments.var = stored["mean"].numpy(), stored["variance"].numpy()
@@ -99,7 +99,7 @@ class Normaliser:
 
 
 def _update(moments: RunningMeanStd, samples: Any) -> None:
-    """Update moments with samples (S, …). If the samples are on a device, only their moments are copied to the host."""
+    """Update mean and variance with samples (S, …). From a device, only mean and variance are copied to the host."""
     xp = namespace(samples)
     mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
     moments.update_from_moments(mean, variance, len(samples))

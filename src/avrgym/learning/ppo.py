@@ -1,4 +1,4 @@
-"""PPO of feed-forward policies with Stable-Baselines3. The data are whole episodes of ``rollouts``."""
+"""PPO of feed-forward policies with Stable-Baselines3. The training data are whole episodes from ``rollouts``."""
 
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -21,7 +21,7 @@ from avrgym.networks.policy import Policy, PolicyMetadata
 
 LOG_FOLDER = "tensorboard"
 PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
-"""Function that improves a model with whole episodes. Only the time limit ends an episode.
+"""Function that makes a PPO update of a model with whole episodes. Only the time limit ends an episode.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) and scaled rewards (T, N).
 """
@@ -37,7 +37,7 @@ class Agent(NamedTuple):
 def make_agent(
     configuration: FeedforwardConfiguration, observation: ObservationScales, action_size: int, out: Path
 ) -> Agent:
-    """Create an agent before training."""
+    """Create and return an untrained agent."""
     return Agent(
         make_ppo(configuration, observation.size, action_size, out),
         Normaliser(observation, configuration.gamma),
@@ -47,7 +47,7 @@ def make_agent(
 def make_ppo(
     configuration: FeedforwardConfiguration, observation_size: int, action_size: int, out: Path
 ) -> PPO:
-    """Create a model of Stable-Baselines3 without an environment."""
+    """Create and return an untrained PPO model of Stable-Baselines3, without an environment."""
 
     def learning_rate(remaining: float) -> float:
         return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
@@ -94,15 +94,14 @@ def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
 
 
 def freeze_actor(model: PPO, configuration: FeedforwardConfiguration) -> None:
-    """Freeze the actor in the first updates after imitation, in which only the critic learns. Unfreeze it
-    afterwards."""
+    """Freeze the actor if only the critic learns (first updates after imitation); otherwise unfreeze it."""
     learns = configuration.actor_learns_at(steps_of(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
 
 def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> None:
-    """Improve an agent with the episodes of an update. The training has ``last`` steps in total."""
+    """Train an agent with the episodes of an update. ``last`` is the total number of steps of the training run."""
     model, normaliser = agent
     rewards = normaliser.normalize_rewards(rollout)
     observations = normaliser.normalize_obs(rollout.observations)
@@ -112,7 +111,7 @@ def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> No
 
 
 def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
-    """Improve a model with Stable-Baselines3 in this process (a ``PolicyUpdate``)."""
+    """Make a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdate``)."""
     _fill(model, observations, actions, rewards)
     model.train()
 
@@ -162,7 +161,7 @@ def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
 
 
 def export_policy(agent: Agent, log_std: float, metadata: PolicyMetadata) -> Policy:
-    """Convert the actor and its normaliser to a policy that does not need PyTorch."""
+    """Convert the actor and its normaliser to a policy that does not need PyTorch. Returns the policy."""
     actor, normaliser = agent.model.policy, agent.normaliser
     layers: list[Any] = [
         layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)

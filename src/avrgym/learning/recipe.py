@@ -1,4 +1,4 @@
-"""The interface of recipes, which ``training`` uses. A recipe runs the episodes of an update and learns from them."""
+"""The interface of recipes (training methods). A recipe runs the episodes of an update and learns from them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -11,9 +11,10 @@ CurvePoint = tuple[int, float, float]
 
 @dataclass(frozen=True)
 class Update:
-    """Results of an update: the stage of the training, mean reward and success rate of the policy's latest episodes.
+    """Results of an update: the training stage, and mean reward and success rate of the policy's latest episodes.
 
-    Mean reward and success rate are ``None`` before the policy completes its first episode.
+    ``stage`` is ``imitation`` or ``PPO``. Mean reward and success rate are ``None`` before the policy completes its
+    first episode.
     """
 
     stage: str
@@ -22,8 +23,8 @@ class Update:
 
 
 class Recipe(Protocol):
-    """A training method. ``training`` calls ``update`` until all steps are completed. It saves the state after each
-    update."""
+    """A training method. The module ``training`` calls ``update`` until all steps are completed. It saves the state
+    after each update."""
 
     @property
     def steps(self) -> int:
@@ -32,11 +33,11 @@ class Recipe(Protocol):
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
-        """Candidates for the finished policy's action_std. The one with the highest success rate is chosen."""
+        """Candidates for the trained policy's action_std. The candidate with the highest success rate is selected."""
         ...
 
     def update(self) -> Update:
-        """Run an episode in every world, and learn from all episodes."""
+        """Run an episode in every world, and learn from all episodes. Returns the results."""
         ...
 
     def policies(self, metadata: PolicyMetadata) -> list[Policy]:
@@ -44,9 +45,9 @@ class Recipe(Protocol):
         ...
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Returns the state on which the next update depends: a dictionary of tensors, and one of plain values."""
+        """Returns the state for a checkpoint: a dictionary of tensors, and a dictionary of plain values."""
         ...
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
-        """Restore a state from ``state``."""
+        """Restore the dictionaries that ``state`` returned."""
         ...

@@ -17,12 +17,12 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 
 
 class RecurrentNetwork(nn.Module):
-    """A gated recurrent unit, then tanh layers. The input of the first layer is the observation and the memory."""
+    """A gated recurrent unit (GRU), then tanh layers. The inputs of the first layer are observation and memory."""
 
     def __init__(
         self, observation_size: int, memory_size: int, net_arch: tuple[int, ...], outputs: int
     ) -> None:
-        """Draw the weights from PyTorch's random stream."""
+        """Create random weights from PyTorch's random stream."""
         super().__init__()
         self.memory = nn.GRU(observation_size, memory_size)
         sizes = [observation_size + memory_size, *net_arch, outputs]
@@ -30,7 +30,7 @@ class RecurrentNetwork(nn.Module):
 
     @classmethod
     def of(cls, policy: Policy) -> "RecurrentNetwork":
-        """Create the network from a recurrent policy, in single precision."""
+        """Create and return a network with the weights of a recurrent policy, in single precision."""
         memory = policy.memory
         assert memory is not None
         net_arch = tuple(len(bias) for bias in policy.biases[:-1])
@@ -56,7 +56,7 @@ class RecurrentNetwork(nn.Module):
         return self.layers[-1](rows), last
 
     def policy(self, normaliser: Normaliser, metadata: PolicyMetadata, action_std: float = 0.0) -> Policy:
-        """Convert the network and its normaliser to a policy that does not need PyTorch."""
+        """Convert the network and its normaliser to a policy that does not need PyTorch. Returns the policy."""
         unit, layers = self.memory, [*self.layers]
         return Policy(
             weights=tuple(_array(layer.weight).T for layer in layers),

@@ -19,11 +19,11 @@ from avrgym.learning.recurrent_network import RecurrentNetwork, fit, gradient_st
 
 
 class RecurrentPPO:
-    """Improves a recurrent network with whole episodes that the network drove. The hyperparameters are
-    ``RECURRENT``."""
+    """PPO of a recurrent network, with whole episodes in which the network controlled the robot. The hyperparameters
+    are ``RECURRENT``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
-        """Draw the critic's weights from PyTorch's random stream."""
+        """Create random weights of the critic from PyTorch's random stream."""
         self._network = network
         self._critic = RecurrentNetwork(
             observation_size, RECURRENT.critic_memory_size, RECURRENT.critic_net_arch, 1
@@ -57,7 +57,7 @@ class RecurrentPPO:
         random: np.random.Generator,
         learning_rate: float,
     ) -> None:
-        """Learn from the episodes of an update.
+        """Train policy and critic with the episodes of an update.
 
         Args:
             observations: normalised, (T + 1, N, O). The last observation is the one after the last step.

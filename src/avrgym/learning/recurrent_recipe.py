@@ -43,7 +43,7 @@ from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 STILL_PARTNER = (REVISED, "none")
 """People and impairment of the partner without motion."""
 TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
-"""Copies of the teacher and of the initial policy in the folder of a training."""
+"""Copies of the teacher and of the initial policy in the folder of a training run."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ArmDemonstration(Demonstration):
 
 
 def load_teacher_and_initial(configuration: RecurrentConfiguration) -> dict[str, Policy]:
-    """Returns the configured teacher and initial policy, by the file names of their copies in the training's folder.
+    """Load and return the configured teacher and initial policy, by the file names of their copies.
 
     Raises:
         ValueError: for an unknown or unsuitable policy. The message contains the allowed values.
@@ -80,7 +80,8 @@ def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
         return None
     if configuration.teacher is not None and not configuration.imitation_updates:
         raise ValueError(
-            "a training with an initial policy does not imitate: leave out the teacher, or set the imitation share"
+            "with an initial policy, training has no imitation by default, but a teacher is given; remove the "
+            "teacher, or set the imitation share above 0"
         )
     initial = registry.find(configuration.initial, configuration.environment, configuration.settings)
     if not isinstance(initial, Policy) or initial.memory is None:
@@ -91,7 +92,7 @@ def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
 
 
 class RecurrentRecipe:
-    """See ``recipe.Recipe``."""
+    """The recipe ``adaptive``, see ``recipe.Recipe``."""
 
     def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
         self._configuration = configuration
@@ -223,7 +224,7 @@ class RecurrentRecipe:
         return _results("PPO", rollout, slice(None))
 
     def _learning_rate(self, number: int, progress: float) -> float:
-        """PPO's learning rate in an update; 0 while only the critic learns."""
+        """Returns PPO's learning rate in an update; 0 while only the critic learns."""
         imitates = self._configuration.imitation_updates
         if number < imitates + RECURRENT.critic_updates:
             return 0.0
@@ -282,7 +283,7 @@ class RecurrentRecipe:
 
 
 def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> Update:
-    """Returns mean reward and success rate of the episodes ``own``, which the policy drove."""
+    """Returns mean reward and success rate of the episodes ``own``, in which the policy controlled the robot."""
     episodes = rollout.episodes(own)
     if not episodes:
         return Update(stage, None, None)

@@ -1,7 +1,7 @@
 """Rollouts: whole episodes for training. A rollout depends only on policy and request, not on the process.
 
-Several processes can therefore share the worlds of an update, and a lost part can be repeated. If the engine uses a
-device, arrays stay on the device for the whole episode.
+The worlds of an update can therefore be divided among processes, and a failed request can be repeated. If the engine
+uses a device, arrays stay on the device for the whole episode.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from avrgym.tasks.task import Controller
 
 @dataclass(frozen=True)
 class WorldSettings:
-    """Settings of a training's worlds. A process compiles these worlds once.
+    """Settings of the worlds of a training run. A process compiles these worlds once.
 
     If the engine uses a device, whole control steps run on the device.
     """
@@ -50,19 +50,19 @@ class WorldSettings:
 
 @dataclass(frozen=True)
 class RolloutRequest:
-    """A request to run whole episodes in n worlds of a training.
+    """A request to run whole episodes in n worlds of a training run.
 
     Args:
         settings: settings of the worlds.
-        first_world: number of the first of these worlds in the training.
+        first_world: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
-        noise_seed: two numbers, usually the training's seed and the number of past environment steps. They seed the
-            exploration noise, together with the number of the world. ``None``: no noise.
-        expert_drives: mask (n,) of the worlds that an expert drives, see ``_expert_for``. With a mask, the expert's
+        noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These
+            and the number of the world are the seed of the exploration noise. ``None``: no noise.
+        expert_drives: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the expert's
             actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
-        rewarded_force_n: force above this limit (newtons) gives no further reward.
+        rewarded_force_n: force limit in newtons. A reward for force does not increase above this limit.
         overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
             penalty increases linearly from half the limit. Only on the host.
         detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
@@ -126,7 +126,7 @@ class Rollout:
 
 
 def _joined(arrays: list[Any]) -> Any:
-    """Arrays of different worlds, joined along the world axis."""
+    """Returns arrays of different worlds, concatenated along the world axis."""
     return np.concatenate(arrays, axis=1 if arrays[0].ndim == 3 else -1)
 
 
@@ -191,7 +191,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
 
 
 def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
-    """Take a control step. Returns the step and the overload (n,): the maximum over body regions and physics steps.
+    """Make a control step. Returns the step and the overload (n,): the maximum over body regions and physics steps.
 
     The overload of a region is 0 up to half the transient limit, increases linearly, and is 1 at the limit.
     """
@@ -288,11 +288,11 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
 def cached_worlds(
     settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
-    """Returns the worlds of a request. They are cached for two numbers of worlds: parts of an update have at most two
-    sizes.
+    """Returns the worlds of a request. They are cached for two numbers of worlds, because the requests of an update
+    have at most two sizes.
 
     Raises:
-        ValueError: for more worlds than memory allows.
+        ValueError: if the worlds need more memory than the device has.
     """
     return Episodes(
         settings.environment,

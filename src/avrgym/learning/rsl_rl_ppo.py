@@ -24,7 +24,7 @@ from avrgym.learning.ppo import steps_of
 from avrgym.system import random_streams
 
 OBSERVATIONS = "policy"
-"""RSL-RL's name for the observations."""
+"""Name of the group of observations in RSL-RL."""
 
 
 class _Libraries(NamedTuple):
@@ -45,15 +45,15 @@ def import_libraries() -> _Libraries:
         return _Libraries(*map(import_module, names))
     except ModuleNotFoundError as error:
         raise RuntimeError(
-            f"training on the engine warp needs {error.name}: `pip install avrgym[train,gpu]`"
+            f"training on the engine warp needs {error.name}; run `pip install avrgym[train,gpu]`"
         ) from error
 
 
 class DevicePPO:
     """A ``ppo.PolicyUpdate`` on a device.
 
-    The training's seed and the number of past steps determine the minibatches. A checkpoint therefore contains no
-    random state of a device.
+    The seed of the training run and the number of past steps determine the minibatches. A checkpoint therefore contains
+    no random state of a device.
     """
 
     def __init__(self, configuration: FeedforwardConfiguration) -> None:
@@ -62,7 +62,7 @@ class DevicePPO:
         self._algorithm: Any = None
 
     def __call__(self, model: PPO, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
-        """Improve a model. The first call moves the model to the device of the episodes."""
+        """Make a PPO update. The first call moves the model to the device of the episodes."""
         if self._algorithm is None:
             _move(model, observations.device)
             self._algorithm = self._algorithm_of(model, observations[0])
@@ -79,7 +79,7 @@ class DevicePPO:
             model.logger.record(f"train/{ours}", float(np.mean([each[theirs] for each in losses])))
 
     def _algorithm_of(self, model: PPO, first: Tensor) -> Any:
-        """Create RSL-RL's PPO with the model's network and optimizer. ``first`` are observations (N, O)."""
+        """Create and return RSL-RL's PPO with the model's network and optimizer. ``first`` are observations (N, O)."""
         of, configuration, policy = self._libraries, self._configuration, model.policy
         torso = policy.mlp_extractor
         noise = {"class_name": "GaussianDistribution", "std_type": "log", "learn_std": False}
@@ -114,7 +114,7 @@ class DevicePPO:
     def _model_of(
         self, first: Tensor, outputs: int, layers: list[nn.Module], noise: dict[str, Any] | None
     ) -> Any:
-        """Create a model of RSL-RL with these layers."""
+        """Create and return a model of RSL-RL with these layers."""
         net = self._libraries.models.MLPModel(
             self._named(first),
             {OBSERVATIONS: [OBSERVATIONS]},

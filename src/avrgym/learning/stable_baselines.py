@@ -79,10 +79,14 @@ class SB3VectorEnv(VecEnv):
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError("set_attr is not supported, because all worlds are one environment")
+        raise NotImplementedError(
+            "set_attr is not supported, because all worlds are one environment; set the attribute of `vec_env.env`"
+        )
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        raise NotImplementedError("env_method is not supported, because all worlds are one environment")
+        raise NotImplementedError(
+            "env_method is not supported, because all worlds are one environment; call the method of `vec_env.env`"
+        )
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))

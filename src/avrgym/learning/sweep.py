@@ -1,6 +1,6 @@
-"""Sweeps: many trainings on a Ray cluster, scheduled by Ray Tune. Needs the extras ``train`` and ``cluster``.
+"""Sweeps: many training runs on a Ray cluster, scheduled by Ray Tune. Needs the extras ``train`` and ``cluster``.
 
-Each training has its own folder, uses one core, and results in the same weights as ``training.train``.
+Each training run has its own folder, uses one core, and results in the same weights as ``training.train``.
 """
 
 # Ray Tune's types are known only in part.
@@ -28,18 +28,18 @@ from avrgym.system.locks import lock_folder
 
 SWEEP_FILE = "sweep.toml"
 SCHEDULE_FOLDER = "schedule"
-"""Folder with Ray Tune's state, with a subfolder for each group of trainings."""
+"""Folder with Ray Tune's state. It has a subfolder for each group of training runs."""
 NO_REWARD = -1e9
-"""Placeholder for the mean reward before an episode has ended."""
+"""Placeholder for the mean reward before the first episode ends."""
 
 Report = Callable[[str, int], None]
-"""Function that is called with the name of a training and its number of environment steps."""
+"""Function that is called with the name of a training run and its number of environment steps."""
 _report: ContextVar[Report] = ContextVar("_report")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a training. ``reward_mean`` and ``success_rate`` are None if it was stopped early."""
+    """The result of a training run. ``reward_mean`` and ``success_rate`` are None if the run was stopped early."""
 
     env: str
     people: str
@@ -67,7 +67,7 @@ def create(file: Path, out: Path) -> None:
 
 
 def trainings_by_group(out: Path) -> dict[str, list[PlannedTraining]]:
-    """Returns the trainings of the sweep in a folder, by group.
+    """Returns the training runs of the sweep in a folder, by group.
 
     Raises:
         ValueError: if the folder contains no sweep.
@@ -78,20 +78,19 @@ def trainings_by_group(out: Path) -> dict[str, list[PlannedTraining]]:
 def _stored(out: Path) -> Sweep:
     path = out / SWEEP_FILE
     if not path.exists():
-        raise ValueError(f"{out} contains no sweep; allowed: the folder of a sweep")
+        raise ValueError(f"{out} contains no sweep; allowed: the --out folder of a sweep")
     return read_sweep(path)
 
 
 def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
-    """Run or continue all trainings of the sweep in ``out`` on the connected cluster. Returns the result of each
-    training.
+    """Run or continue all training runs of the sweep in ``out`` on the connected cluster. Returns their results.
 
-    Groups run one after another. Trainings of a group run in parallel, on all cores or on ``jobs`` cores. The folder
-    must have the same path on every node.
+    Groups run one after another. Training runs of a group run in parallel, on all cores or on ``jobs`` cores. The
+    folder must have the same path on every node.
 
     Raises:
         ValueError: if the folder contains no sweep, or another process runs it.
-        RuntimeError: if trainings failed. The message contains the first error. All other trainings are complete.
+        RuntimeError: if training runs failed. The message contains the first error. All other runs are complete.
     """
     sweep = _stored(out)
     groups = planned_trainings(sweep, str(out / SWEEP_FILE))
@@ -107,7 +106,8 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
             _report.reset(token)
     if failed:
         raise RuntimeError(
-            f"{len(failed)} of {sum(map(len, groups.values()))} trainings failed; the first error is: {failed[0]}"
+            f"{len(failed)} of {sum(map(len, groups.values()))} training runs failed; correct the error and add "
+            f"--resume. The first error is: {failed[0]}"
         )
     return [_outcome(out, each) for group in groups.values() for each in group]
 
@@ -115,7 +115,7 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
 def _run_group(
     out: Path, name: str, group: Sequence[PlannedTraining], stopping: EarlyStopping | None, jobs: int | None
 ) -> list[str]:
-    """Run a group of trainings. Returns the error messages of failed trainings."""
+    """Run a group of training runs. Returns the error messages of failed runs."""
     schedule = out / SCHEDULE_FOLDER / name
     trainable = tune.with_resources(_train_one, {"cpu": 1})
     if tune.Tuner.can_restore(str(schedule)):
@@ -153,14 +153,14 @@ def _scheduler(stopping: EarlyStopping | None, steps: int) -> Any:
 
 
 class _Listener(tune.Callback):
-    """Reports each training's progress."""
+    """Reports the progress of each training run."""
 
     def on_trial_result(self, iteration: int, trials: Any, trial: Any, result: Any, **info: Any) -> None:
         _report.get()(Path(trial.config["training"]["folder"]).name, int(result["steps"]))
 
 
 def _train_one(given: dict[str, Any]) -> None:
-    """Run or continue one training on a worker, and report to Ray Tune after every update."""
+    """Start or continue one training run on a worker, and report to Ray Tune after every update."""
     out = Path(given["training"]["folder"])
     configuration = msgspec.convert(given["training"]["configuration"], FeedforwardConfiguration)
 
@@ -178,7 +178,7 @@ def _train_one(given: dict[str, Any]) -> None:
 
 
 def _complete(out: Path) -> PolicyMetadata | None:
-    """Returns the metadata of the policy if the training in ``out`` is complete, otherwise None."""
+    """Returns the metadata of the policy if the training run in ``out`` is complete, otherwise None."""
     path = out / POLICY_FILE
     metadata = Policy.load(path).metadata if path.exists() else None
     return metadata if metadata is not None and metadata.measured else None

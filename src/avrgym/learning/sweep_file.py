@@ -1,4 +1,4 @@
-"""Sweep files: TOML with environments, people, recipes and seeds. A sweep trains every combination of them."""
+"""Sweep files: TOML with environments, people, recipes and seeds. A sweep has a training run for each combination."""
 
 from itertools import product
 from pathlib import Path
@@ -19,11 +19,11 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
 
 class EarlyStopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Early stopping of trainings with low rewards: asynchronous successive halving.
+    """Early stopping of training runs with low rewards: asynchronous successive halving.
 
-    Trainings are compared after ``after_steps`` steps, then after ``factor`` times as many steps, and so on. In each
-    comparison only the best 1/``factor`` of the trainings, by mean reward, continue (Li et al., "A System for Massively
-    Parallel Hyperparameter Tuning", MLSys 2020).
+    Training runs are compared after ``after_steps`` steps, then after ``factor`` times this number, and so on. After
+    each comparison, only the share 1/``factor`` with the highest mean reward continues (Li et al., "A System for
+    Massively Parallel Hyperparameter Tuning", MLSys 2020).
     """
 
     after_steps: Annotated[int, Meta(ge=1)]
@@ -46,7 +46,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class PlannedTraining(NamedTuple):
-    """One training of a sweep: the name of its folder, the name of its recipe, and its configuration."""
+    """One training run of a sweep: the name of its folder, the name of its recipe, and its configuration."""
 
     name: str
     recipe: str
@@ -54,7 +54,7 @@ class PlannedTraining(NamedTuple):
 
 
 def read_sweep(path: Path) -> Sweep:
-    """Read a sweep file.
+    """Read a sweep file. Returns its contents.
 
     Raises:
         ValueError: for invalid TOML, keys or values. The message contains the allowed values.
@@ -71,7 +71,7 @@ def read_sweep(path: Path) -> Sweep:
 
 
 def planned_trainings(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
-    """Returns the trainings of a sweep by group. A group contains the trainings with the same environment and people.
+    """Returns the training runs of a sweep by group. The runs of a group have the same environment and people.
 
     Raises:
         ValueError: for an unknown environment, people, impairment or setting. The message contains the allowed values.

@@ -1,8 +1,8 @@
 """Loss of imitation by recurrent policies: the motion error of the tool.
 
 An action error at the shoulder moves the tool by centimetres, the same error at the wrist by millimetres. Errors of
-several joints can add up or cancel. Least squares over actions ignore this. The weight of an error decreases with the
-demonstrated motion, because slow motions near the skin need more precision.
+several joints can add up or cancel. Least squares over actions ignore these differences. The weight of an error
+decreases with the demonstrated motion, because slow motions near the skin need more precision.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -18,12 +18,13 @@ from avrgym.models.scene import SceneConfig
 from avrgym.tasks.placement import arm_chain
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
-"""Units of the tool's translation and rotation in a control step. At a lever arm of 0.1 m both are equal."""
+"""Units of the tool's translation and rotation in a control step. With a lever arm of 0.1 m, a rotation of one unit
+moves a point by one unit."""
 MOTION_SCALE = 0.25
 """Demonstrated motion, in units, at which the weight of the error is halved (5 mm, or 0.05 rad). At ten times this
 motion the weight is about a hundredth."""
 ACTIONS_WEIGHT = 0.1
-"""Weight of the squared error of actions. It penalises wrong motions of the elbow that do not move the tool."""
+"""Weight of the squared action error. It penalises errors of the elbow that do not move the tool."""
 
 
 class ToolMotion:
@@ -35,10 +36,11 @@ class ToolMotion:
         self._drives = scene.robot.drive is not None
 
     def motion_per_action(self, joint_positions: Float32Array) -> Tensor:
-        """Returns the tool's motion in a control step per action, (..., 6, A), at joint positions (..., J).
+        """Returns the Jacobian (..., 6, A) of the tool's motion in a control step, at joint positions (..., J).
 
-        Rows 0–2 are translations in ``UNIT_M``, rows 3–5 rotations in ``UNIT_RAD``, both about or along x, y and z of
-        the frame of the robot's base. Column a is the motion if action a is 1 and all other actions are 0.
+        Rows 0–2 are translations along x, y and z in ``UNIT_M``. Rows 3–5 are rotations about x, y and z in
+        ``UNIT_RAD``. Both are in the frame of the robot's base. Column a is the motion if action a is 1 and all other
+        actions are 0.
         """
         joints = joint_positions.shape[-1]
         positions = joint_positions.reshape(-1, joints).astype(np.float64)

@@ -1,6 +1,6 @@
 """The trainer: runs the updates of a recipe, with checkpoints, a learning curve and a final evaluation.
 
-Needs the extra ``train``, and ``gpu`` for a device. The result is a policy file that does not need PyTorch.
+Needs the extra ``train``; on a device also ``gpu``. The result is a policy file that does not need PyTorch.
 """
 
 import io
@@ -70,14 +70,14 @@ STORED_RESULTS = ("episodes", "success_rate", "reward_mean", "reward_std", "forc
 CURVE_POINTS = 100
 """Maximum number of points of the learning curve in a policy file."""
 WORLD_BYTES = 4 << 20
-"""Assumed memory in bytes of a world and its part of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
+"""Assumed memory of a world and its share of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a training: its stage, number of environment steps, and results of the policy's latest episodes.
+    """Progress of a training run: stage, number of environment steps, and results of the policy's latest episodes.
 
-    Mean reward and success rate are None if the policy has not driven an episode yet.
+    Mean reward and success rate are None before the policy completes its first episode.
     """
 
     stage: str
@@ -99,19 +99,19 @@ def train(
     """Train a policy, and return it. Write policy, configuration, checkpoint and TensorBoard's log into ``out``.
 
     If robot and human are trained together (``--recipe pair``), ``human.safetensors`` contains the human's policy. The
-    policy file contains results on the validation split. If the training is interrupted, ``out`` contains the latest
-    policy and checkpoint; ``resume`` continues the training.
+    policy file contains results on the validation split. After an interruption, ``out`` contains the latest policy and
+    checkpoint; ``resume`` continues the training run.
 
     Args:
-        configuration: settings of the training.
-        out: a folder without a training.
+        configuration: settings of the training run.
+        out: a folder without a training run.
         report: called after every update.
         cluster: a cluster that runs the episodes. Without a cluster, this process runs them. The trained weights are
             the same.
 
     Raises:
-        ValueError: for an unknown environment, people or policy, or if another process trains in ``out``.
-        FileExistsError: if ``out`` already contains a training.
+        ValueError: for an unknown environment, people or policy, or if another process uses ``out``.
+        FileExistsError: if ``out`` already contains a training run.
         RuntimeError: if the worlds do not fit into the cluster's memory, or the cluster does not answer.
     """
     _check_unused(out)
@@ -140,19 +140,19 @@ def resume(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Continue the training in ``out`` from its latest checkpoint. Returns the trained policy.
+    """Continue the training run in ``out`` from its latest checkpoint. Returns the trained policy.
 
-    The interruption does not change the trained weights. A training without a checkpoint restarts with the same seed.
+    The interruption does not change the trained weights. Without a checkpoint, training restarts with the same seed.
 
     Args:
-        out: the folder of the training.
+        out: the folder of the training run.
         report: called after every update.
         steps: new total number of environment steps; default: that of the configuration. The number of imitation steps
-            does not change. PPO uses the learning rate and the exploration noise of a training with this total.
+            does not change. PPO uses the learning rate and the exploration noise for this total.
         cluster: as for ``train``.
 
     Raises:
-        ValueError: if ``out`` contains no training, if the training is complete, if another process runs it, or if its
+        ValueError: if ``out`` contains no training run, or a complete one. Also if another process uses ``out``, or if
             files are damaged.
     """
     configuration = stored = read_configuration(out)
@@ -172,7 +172,9 @@ def _check_unused(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; set --out to a folder")
     if contains_training(out):
-        raise FileExistsError(f"{out} already contains a training; choose another folder, or add --resume")
+        raise FileExistsError(
+            f"{out} already contains a training run; choose another folder, or add --resume"
+        )
 
 
 def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
@@ -181,19 +183,21 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
         raise ValueError(
-            f"the training in {out} has completed {done} steps; allowed for --steps: a larger number"
+            f"the training run in {out} has completed {done} steps; allowed for --steps: a larger number"
         )
     return configuration.with_steps(steps)
 
 
 def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
-    """Raise an error for a training that cannot run, before anything is written."""
+    """Raise an error for an invalid configuration, before any file is written."""
     task_and_scene(configuration.environment, configuration.settings)
     environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
     if isinstance(configuration, RecurrentConfiguration | VisualConfiguration):
         if cluster is not None:
-            raise ValueError("recurrent and visual policies cannot be trained on a cluster; remove --cluster")
+            raise ValueError(
+                "the recipes adaptive and visual cannot use a cluster; remove --cluster, or choose another --recipe"
+            )
         return
     find_impairment(configuration.impairment)
     check_available(configuration.engine)
@@ -212,7 +216,7 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
     if available is not None and needed > available:
         raise ValueError(
             f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "
-            f"{available / 2**30:.1f} GiB; allowed: {available * worlds // needed} worlds or fewer"
+            f"{available / 2**30:.1f} GiB; allowed: num_envs of {available * worlds // needed} worlds or fewer"
         )
 
 
@@ -225,7 +229,7 @@ def _recipe(configuration: AnyConfiguration, out: Path, cluster: "Cluster | None
 
 
 class _Trainer:
-    """The state of a training in this process, with the checkpoints in its folder."""
+    """Runs a training run in this process, and writes checkpoints into its folder."""
 
     def __init__(
         self, configuration: AnyConfiguration, out: Path, report: Report, cluster: "Cluster | None"
@@ -239,7 +243,7 @@ class _Trainer:
         """Restore the latest checkpoint.
 
         Raises:
-            ValueError: for a damaged file, or if the training is complete.
+            ValueError: for a damaged file, or if the training run is complete.
         """
         path = self._out / CHECKPOINT_FILE
         try:
@@ -256,7 +260,7 @@ class _Trainer:
         finished = not (self._out / DEMONSTRATIONS_FOLDER).exists()
         if self._recipe.steps >= self._configuration.steps and finished and self._is_evaluated():
             raise ValueError(
-                f"the training in {self._out} is complete after {self._recipe.steps} steps; "
+                f"the training run in {self._out} is complete after {self._recipe.steps} steps; "
                 "set --steps to a larger number to continue it"
             )
 
@@ -314,7 +318,7 @@ class _Trainer:
             policy.save(self._out / name, overwrite=True)
 
     def _evaluate(self) -> Policy:
-        """Evaluate the policy with each candidate of action_std. Write and return the policy with the highest success
+        """Evaluate the policy with each candidate of action_std. Writes and returns the policy with the highest success
         rate."""
         robot, *humans = self._policies()
         evaluated: list[Policy] = []
@@ -356,7 +360,7 @@ class _Trainer:
 
     @property
     def _seconds(self) -> float:
-        """Duration of the training until now, in seconds."""
+        """Duration of the training run until now, in seconds."""
         return self._seconds_before + time.monotonic() - self._started
 
 

@@ -1,4 +1,4 @@
-"""The network of policies with vision in PyTorch, see ``networks.vision``."""
+"""The vision network in PyTorch, for training; see ``networks.vision`` for the NumPy version."""
 
 # PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -15,7 +15,7 @@ from avrgym.networks.vision import Vision
 CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
 """Number of output channels, kernel size and stride of each convolution."""
 IMAGE_UNITS, COMBINED_UNITS = 64, 96
-"""Units of the first dense layer (input: the image's features) and of the second (also the measured entries)."""
+"""Units of the first dense layer, with image features as inputs, and of the second, also with the measured entries."""
 
 
 class VisualNetwork(nn.Module):
@@ -64,7 +64,7 @@ class VisualNetwork(nn.Module):
         return filled @ weight + bias
 
     def vision(self) -> Vision:
-        """Returns the network in NumPy."""
+        """Returns the network as NumPy arrays."""
         return Vision(
             kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),
             kernel_biases=tuple(_array(each.bias) for each in self.convolutions),

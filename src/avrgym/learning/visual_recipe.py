@@ -1,10 +1,10 @@
-"""Recipe of policies with vision (``--recipe visual``): imitation of a trained policy that observes the whole state.
+"""Recipe of policies with vision (``--recipe visual``): imitation of a trained policy without vision, the teacher.
 
-The policy receives the measured angles of the arm, and the tool's pose, which follows from these angles. It estimates
-all other entries of the observation from a camera image. The teacher's layers then compute the actions from the
-estimates ("learning by cheating", Chen et al., CoRL 2019). Training is dataset aggregation: from the second round on,
-the policy controls an increasing share of the worlds. The loss contains the error of the estimates and the error of the
-actions.
+The teacher receives the whole observation. The policy with vision receives only the arm's joint angles, and the tool's
+pose, which follows from these angles. It estimates all other entries of the observation from a camera image. The
+teacher's layers then compute the actions from the estimates ("learning by cheating", Chen et al., CoRL 2019). Training
+is dataset aggregation: from the second round on, the policy controls an increasing share of the worlds. The loss is the
+sum of the errors of estimates and actions.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -35,7 +35,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import task_and_scene
 
 TEACHER_FILE = "teacher.safetensors"
-"""Copy of the teacher in the folder of a training."""
+"""Copy of the teacher in the folder of a training run."""
 MEASURED_ENTRIES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
 """Entries of an observation that follow from the angles of the arm's joints."""
 
@@ -48,7 +48,7 @@ class VisualDemonstration(Demonstration):
 
 
 def load_teacher(configuration: VisualConfiguration) -> Policy:
-    """Returns the teacher.
+    """Load and return the teacher of a training run.
 
     Raises:
         ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
@@ -57,24 +57,29 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
     teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
     if not isinstance(teacher, Policy) or teacher.memory is not None or teacher.vision is not None:
         raise ValueError(
-            f"{configuration.teacher!r} cannot be a teacher of vision; allowed: a feed-forward policy without vision"
+            f"{configuration.teacher!r} cannot be a teacher of vision; allowed: a feed-forward policy without vision, "
+            "by its name or file"
         )
     return teacher
 
 
 def camera_of(configuration: VisualConfiguration) -> CameraSpec:
-    """Returns the camera of a training. Raises ``ValueError`` if the robot lacks it, or if it has a segmentation."""
+    """Returns the camera of a training run.
+
+    Raises:
+        ValueError: if the robot does not have the camera, or if the images are segmentations.
+    """
     _, scene = task_and_scene(configuration.environment, configuration.settings)
     (camera,) = as_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
         raise ValueError(
-            f"camera of the policy is {configuration.camera!r}; allowed kinds of images: rgb, depth"
+            f"the camera of the policy is {configuration.camera!r}; allowed kinds of images: rgb, depth"
         )
     return camera
 
 
 class VisualRecipe:
-    """See ``recipe.Recipe``."""
+    """The recipe ``visual``, see ``recipe.Recipe``."""
 
     def __init__(self, configuration: VisualConfiguration, out: Path) -> None:
         self._configuration = configuration
