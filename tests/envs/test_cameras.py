@@ -162,11 +162,11 @@ def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatc
             ["wrist", "wrist:64x64:depth"],
             "cameras are wrist, wrist; allowed: each camera once, with all its kinds",
         ),
-        ("wrist", r"cameras is 'wrist'; allowed: a list of cameras, such as \['wrist'\]"),
+        ("wrist", r"cameras is 'wrist'; allowed: a list of camera names, such as \['wrist'\]"),
         (["wrist:32x64"], "width_px of camera 'wrist' is 32; allowed: 64 to 640"),
         (["wrist:64x481"], "height_px of camera 'wrist' is 481; allowed: 64 to 480"),
         (["wrist:64x64:xyz"], "kinds of camera 'wrist' are .*; allowed: one or more of rgb, depth, segment"),
-        (["wrist:64"], "camera is 'wrist:64'; allowed: NAME, NAME:WIDTHxHEIGHT"),
+        (["wrist:64"], "the camera is 'wrist:64'; allowed: NAME, NAME:WIDTHxHEIGHT"),
         ([{"name": "wrist", "fov": 3}], "unknown field `fov`; allowed: a name, .* or the fields name, width"),
         ([{"name": "wrist", "fovy_deg": 1}], "fovy_deg of camera 'wrist' is 1.0; allowed: 5 to 150"),
         ([3], "camera 3: .*; allowed: a name"),
@@ -185,7 +185,7 @@ def test_cameras_of_the_pr2_include_its_head():
 @pytest.mark.parametrize(
     ("name", "mount", "message"),
     [
-        ("wrist", CameraMount("base", (0, 0, 1), (1, 0, 0), (0, 0, 1), 45.0), "unknown camera name 'wrist'"),
+        ("wrist", CameraMount("base", (0, 0, 1), (1, 0, 0), (0, 0, 1), 45.0), "invalid camera name 'wrist'"),
         (
             "eye",
             CameraMount("tail", (0, 0, 1), (1, 0, 0), (0, 0, 1), 45.0),

@@ -331,7 +331,7 @@ def test_an_invalid_file_of_hyperparameters_is_refused(text, said, tmp_path):
 @pytest.mark.slow
 def test_damaged_demonstrations_are_named(tmp_path):
     def kill(progress: Progress) -> None:
-        if progress.steps > UPDATE:
+        if progress.steps >= UPDATE:
             raise Killed
 
     with pytest.raises(Killed):

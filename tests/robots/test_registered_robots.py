@@ -194,7 +194,7 @@ SKIPPED_PLUGINS = {
     "it has no grips": replace(FETCH, grips={}),
     "unknown mounts 'sofa'; allowed: wheelchair, bed": replace(FETCH, mounts={"sofa": FETCH.mounts["bed"]}),
     "has 5 joints; allowed: 6 or more": replace(FETCH, arms={"right": replace(ARM, joints=ARM.joints[:5])}),
-    r"seed_pose of its right arm has shape \(8,\); allowed: \(7,\)": replace(
+    r"seed_pose of its right arm has the shape \(8,\); allowed: \(7,\)": replace(
         FETCH, arms={"right": replace(ARM, seed_pose=np.zeros(8))}
     ),
     "effort_limit of its right arm is": replace(

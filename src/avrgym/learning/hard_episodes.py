@@ -1,6 +1,6 @@
 """Replay of failed episodes: training repeats them until they succeed.
 
-A policy learns slowly from rare failures, for example if the arm jams the person's hand in one of a hundred initial
+A policy learns slowly from rare failures. For example, the arm traps the person's hand in one of a hundred initial
 states. Repetition makes such initial states frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level
 replay", ICML 2021).
 """

@@ -1,13 +1,13 @@
 """Recipe of recurrent policies (``--recipe adaptive``): imitation, then PPO, the same for every environment.
 
-The imitated expert uses the whole state of the person, without tremor. The policy receives only observations; it must
+The imitated expert uses the whole state of the person, without tremor. The policy receives only observations. It must
 infer the rest of the state with its memory (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset
 aggregation; the loss is the error of the tool's motion, see ``tool_loss``. Then PPO maximises the task's reward minus
 penalties for force.
 
-There is a group of partners for each of ``REFERENCE_IMPAIRMENTS`` (by default people of ``zoo/train``), and a group of
-people of ``revised`` without motion. Each imitation update uses one group, each PPO update all groups. A trained policy
-may replace the expert as teacher. A trained recurrent policy may be the initial policy.
+Training uses several groups of simulated people: one for each of ``REFERENCE_IMPAIRMENTS`` (by default people of
+``zoo/train``), and one of static people of ``revised``. Each imitation update uses one group, each PPO update uses all
+groups. A trained policy may replace the expert as teacher. A trained recurrent policy may be the initial policy.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -41,7 +41,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 
 STILL_PARTNER = (REVISED, "none")
-"""People and impairment of the partner without motion."""
+"""Population and impairment of the static people."""
 TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 """Copies of the teacher and of the initial policy in the folder of a training run."""
 

@@ -2,8 +2,8 @@
 
 Network, optimizer and schedules are those of Stable-Baselines3. Initial weights, imitation, checkpoints and policy
 files are therefore the same as on the host. RSL-RL stores episodes and minibatches on the device. Two details differ
-from training on the host: the gradients of actor and critic are clipped separately, and all minibatches have the same
-size, close to ``batch_size``.
+from training on the host. The gradients of actor and critic are clipped separately. All minibatches have the same size,
+close to ``batch_size``.
 
 Needs the extra ``gpu``.
 """

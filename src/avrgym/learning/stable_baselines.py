@@ -18,7 +18,7 @@ class SB3VectorEnv(VecEnv):
     """The native vector environment for Stable-Baselines3.
 
     The infos of a finished episode contain ``success``, ``episode_return`` (the sum of its rewards) and
-    ``episode_force_n`` (the mean force on the person in newtons).
+    ``episode_force_n``: the mean force on the person, in newtons.
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:

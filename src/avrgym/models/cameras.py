@@ -1,7 +1,8 @@
 """Cameras of a scene: their poses, and the size and type of their images.
 
-Every scene has two cameras: ``wrist`` is fixed to the hand, above the grip, and looks along the tool; ``scene`` shows
-person and robot from the side. A robot may have more, see ``models.robot.Robot.cameras``.
+Every scene has two cameras. The camera ``wrist`` is fixed to the hand, above the grip, and points along the tool. The
+camera ``scene`` shows person and robot from the side. A robot may have further cameras, see
+``models.robot.Robot.cameras``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,13 +25,13 @@ IMAGE_KINDS: tuple[ImageKind, ...] = get_args(ImageKind)
 MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
 """Smallest and largest width and height of an image."""
 MAX_DEPTH_M = 10.0
-"""Maximum depth. Farther surfaces and the sky have this depth."""
+"""Maximum depth in depth images. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
 STATE_ENTRY, COMMAND_ENTRY = "state", "command"
-"""Names of the entries without images, in observations that are dictionaries."""
+"""Names of the entries without images in dictionary observations."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
-"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, named as in ``CameraSpec.entries``."""
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.entries``."""
 SCENE_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``."""
 WRIST_FOVY_DEG = 58.0
@@ -39,7 +40,7 @@ WRIST_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
 """Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
 fingers."""
 WRIST_TARGET_M = np.array([0.40, 0.0, 0.0])
-"""Point on the optical axis of the wrist camera, in the tool's frame: ahead of the working point."""
+"""Point on the optical axis of the wrist camera, in the tool's frame: in front of the working point."""
 _FLOOR_RGBA = [0.72, 0.71, 0.68, 1.0]
 
 
@@ -47,7 +48,7 @@ ImageType = np.uint8 | np.float32 | np.int32
 
 
 class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera in observations.
+    """A camera whose images are part of observations.
 
     Attributes:
         name: ``wrist``, ``scene``, or another camera of the robot.
@@ -95,18 +96,18 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 AnyCamera = CameraSpec | str | Mapping[str, Any]
-"""A camera, its name, its fields, or a text such as ``wrist:128x96:rgb+depth``."""
+"""A description of a camera: a ``CameraSpec``, its fields, its name, or a text such as ``wrist:128x96:rgb+depth``."""
 
 
 def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
-    """Converts descriptions of cameras to ``CameraSpec`` records, and checks them for a robot.
+    """Convert descriptions of cameras to ``CameraSpec`` records, and check them for a robot. Returns the records.
 
     Raises:
         ValueError: for a camera that the robot does not have, two cameras with the same name, or an invalid
             field. The message lists the allowed values.
     """
     if isinstance(cameras, str | CameraSpec | Mapping):
-        raise ValueError(f"cameras is {cameras!r}; allowed: a list of cameras, such as ['wrist']")
+        raise ValueError(f"cameras is {cameras!r}; allowed: a list of camera names, such as ['wrist']")
     found = tuple(_as_camera(each) for each in cameras)
     allowed = (WRIST_CAMERA, SCENE_CAMERA, *scene_robot.cameras)
     for each in found:
@@ -131,23 +132,23 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
         return msgspec.convert(dict(camera), CameraSpec)
     except (msgspec.ValidationError, TypeError) as error:
         raise ValueError(
-            f"camera {camera!r}: {error}; allowed: a name, such as 'wrist:128x96:rgb+depth', or the fields "
+            f"camera {camera!r} is invalid: {error}; allowed: a text such as 'wrist:128x96:rgb+depth', or the fields "
             f"{', '.join(CameraSpec.__struct_fields__)}"
         ) from error
 
 
 def camera_from_text(text: str) -> CameraSpec:
-    """Returns the camera from a text with name, size and kinds of images, such as ``wrist:128x96:rgb+depth``.
+    """Returns the camera for a text with name, size and kinds of images, such as ``wrist:128x96:rgb+depth``.
 
     Raises:
-        ValueError: for a text without this form.
+        ValueError: for a text with another format.
     """
     name, *rest = text.split(":")
     size, kinds = (*rest, "", "")[:2]
     width, _, height = (size or "64x64").partition("x")
     if len(rest) > 2 or not (width.isdecimal() and height.isdecimal()):
         raise ValueError(
-            f"camera is {text!r}; allowed: NAME, NAME:WIDTHxHEIGHT or NAME:WIDTHxHEIGHT:KINDS, such as "
+            f"the camera is {text!r}; allowed: NAME, NAME:WIDTHxHEIGHT or NAME:WIDTHxHEIGHT:KINDS, such as "
             "wrist:128x96:rgb+depth"
         )
     chosen: Any = tuple(kinds.split("+")) if kinds else ("rgb",)
@@ -163,7 +164,7 @@ def image_entries(
 
 @dataclass(frozen=True)
 class FixedView:
-    """Position of the camera ``scene`` and a point on its optical axis, (3,) each, world frame, metres."""
+    """Pose of the camera ``scene``: its position and a point on its optical axis, (3,) each, world frame, metres."""
 
     pos_w: FloatArray
     target_w: FloatArray
@@ -188,8 +189,10 @@ def add_cameras(
 
 
 def camera_rotation(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
-    """Rotation (4,) of a camera that looks along ``forward``. The camera's axes are MuJoCo's: −z forward, y up, x
-    right."""
+    """Returns the rotation (4,) of a camera with the viewing direction ``forward``.
+
+    The camera's axes are those of MuJoCo: −z forward, y up, x right.
+    """
     back = -np.asarray(forward, float) / np.linalg.norm(forward)
     right = np.cross(up, back)
     right /= np.linalg.norm(right)

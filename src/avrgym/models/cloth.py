@@ -1,8 +1,7 @@
 """Cloth that is attached to a tool: a triangle mesh with stretching and bending stiffness (a MuJoCo flex).
 
 Each vertex is a body with three slide joints. The joint values are the vertex position in the world frame. The scene
-needs the integrator ``discrete``. This integrator integrates the stiffness implicitly; steps of 10 ms are therefore
-stable.
+needs the integrator ``discrete``, which integrates the stiffness implicitly. Physics steps of 10 ms are then stable.
 """
 
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ class Cloth:
 
     Attributes:
         name: name of the flex, and prefix of the names of the vertices' bodies.
-        initial_pos: initial positions (V, 3) of the vertices, without stress; tool's frame, metres.
+        initial_pos: stress-free initial positions (V, 3) of the vertices; tool's frame, metres.
         faces: triangles (F, 3), indices of vertices.
         attached_vertices: indices of the vertices that are attached to the tool.
         mass_kg: mass of all vertices.
@@ -49,7 +48,7 @@ class Cloth:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Body names. The slide joints of each are ``<body>_x``, ``_y`` and ``_z``."""
+        """Names of the vertices' bodies. Their slide joints are ``<body>_x``, ``<body>_y`` and ``<body>_z``."""
         return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 
@@ -57,7 +56,7 @@ ATTACHMENT_TIME_S = 0.02
 """Time constant of the constraints between attached vertices and the tool."""
 _STRETCH_AND_BEND = 3
 _NARROW_INERTIA_M2 = 1e-4
-"""Rotational inertia of a vertex per mass. Vertices do not rotate, but MuJoCo requires an inertia."""
+"""Rotational inertia of a vertex divided by its mass. Vertices do not rotate, but MuJoCo requires an inertia."""
 
 
 def add_attachment_sites(body: mujoco.MjsBody, cloth: Cloth) -> None:

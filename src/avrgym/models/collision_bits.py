@@ -27,4 +27,4 @@ PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
 CLOTH = CollisionBits(0, _PERSON)
 NO_COLLISION = CollisionBits(0, 0)
-"""Bits of geoms that never collide. They mark space that people's initial poses must avoid."""
+"""Bits of geoms that never collide. Such geoms reserve space that people's initial poses must avoid."""

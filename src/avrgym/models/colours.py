@@ -11,7 +11,7 @@ DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 
 
 def geom_colours(model: mujoco.MjModel) -> FloatArray:
-    """RGBA (G, 4) of all geoms, 0 to 1, multiplied by the mean of their texture."""
+    """Returns the RGBA colours (G, 4) of all geoms, 0 to 1, multiplied by the mean colours of their textures."""
     colours = _drawn(model, model.geom_matid, model.geom_rgba)
     for material in np.unique(model.geom_matid[model.geom_matid >= 0]):
         colours[model.geom_matid == material, :3] *= texture_mean(model, int(material))
@@ -19,24 +19,24 @@ def geom_colours(model: mujoco.MjModel) -> FloatArray:
 
 
 def skin_colours(model: mujoco.MjModel) -> FloatArray:
-    """RGBA (S, 4) of all skins, 0 to 1, without textures."""
+    """Returns the RGBA colours (S, 4) of all skins, 0 to 1, without textures."""
     return _drawn(model, model.skin_matid, model.skin_rgba)
 
 
 def texture_index(model: mujoco.MjModel, material: int) -> int:
-    """Index of a material's colour texture; -1 without one."""
+    """Returns the index of a material's colour texture; -1 without a texture."""
     return int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]) if material >= 0 else -1
 
 
 def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
-    """Pixels (height, width, channels) of a texture."""
+    """Returns the pixels (height, width, channels) of a texture."""
     shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
     start = model.tex_adr[texture]
     return model.tex_data[start : start + np.prod(shape)].reshape(shape)
 
 
 def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
-    """Mean colour (3,) of a material's texture, 0 to 1; white without one."""
+    """Returns the mean colour (3,) of a material's texture, 0 to 1; white without a texture."""
     texture = texture_index(model, material)
     if texture < 0:
         return np.ones(3)
@@ -44,7 +44,7 @@ def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
 
 
 def linear_from_srgb(colours: FloatArray) -> FloatArray:
-    """Linear colour values from sRGB values, both 0 to 1."""
+    """Convert sRGB colour values to linear values, both 0 to 1. Returns the linear values."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,7 +1,7 @@
-"""Compliance of contacts with the person, and torque limits. Both bound the contact forces.
+"""Compliance of contacts with the person, and torque limits. Together they bound the contact forces.
 
-Torque limits alone do not bound forces. A motor of 24 N m can apply thousands of newtons to a rigid obstacle, for
-example near a joint's axis or along a stretched arm. The stiffness of MuJoCo's contacts increases with the mass of the
+Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a motor of 24 N m can
+apply thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the
 bodies. The compliance of the person's body bounds the force at a contact point:
 
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
@@ -11,11 +11,11 @@ bodies. The compliance of the person's body bounds the force at a contact point:
   additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2 E)
   / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full speed
   have 0.5 J (Jaco) or 1.1 J (PR2).
-- Motors that accelerate bodies into the person, or furniture that reflects them, add as much as an impact with √(τᵀ M⁻¹
-  τ) in place of b √(2 E), for one or two steps; τ are the joint torques.
+- Motors can accelerate bodies into the person, and furniture can reflect bodies. For one or two steps, this adds the
+  force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
 
-The sum over contacts grows with the number of contact points. Thin walls of tools therefore count as one shape, see
-``tools.Hull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
+The sum of forces grows with the number of contact points. One collision shape therefore replaces the thin walls of a
+tool, see ``tools.Hull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
 """
 
 from dataclasses import dataclass
@@ -35,15 +35,15 @@ from avrgym.models.tools import Hull, Tool
 class ContactCompliance:
     """MuJoCo's parameters of a compliant contact.
 
-    The impedance falls from ``impedance_start`` at first touch to ``impedance_end`` at depth ``width_m``, with a power
-    law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in MuJoCo's
-    documentation.
+    The impedance decreases from ``impedance_start`` at first touch to ``impedance_end`` at depth ``width_m``. It is a
+    power law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in
+    MuJoCo's documentation.
     """
 
     stiffness_s2: float
-    """Acceleration per metre of depth (1/s²)."""
+    """Acceleration per penetration depth (1/s²)."""
     damping_s: float
-    """Acceleration per m/s (1/s)."""
+    """Acceleration per penetration speed (1/s)."""
     impedance_start: float
     impedance_end: float
     width_m: float
@@ -51,7 +51,7 @@ class ContactCompliance:
     power: float = 1.0
 
     def impedance(self, depth_m: FloatArray) -> FloatArray:
-        """Returns MuJoCo's contact impedance, 0 to 1, at a penetration depth of any shape."""
+        """Returns MuJoCo's contact impedance, 0 to 1, for penetration depths of any array shape."""
         share = np.clip(depth_m / self.width_m, 0.0, 1.0)
         rising = self.midpoint * (share / self.midpoint) ** self.power
         levelling = 1.0 - (1.0 - self.midpoint) * ((1.0 - share) / (1.0 - self.midpoint)) ** self.power
@@ -72,24 +72,25 @@ SOFT_TISSUE = ContactCompliance(
 WASHCLOTH_PAD = ContactCompliance(
     stiffness_s2=1400.0, damping_s=25.0, impedance_start=0.70, impedance_end=0.30, width_m=0.03
 )
-"""Washcloth pad. Its low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at first touch and 70 N at most.
-The cloth's own springs are much softer."""
+"""Contact parameters of the washcloth's pad. With its low friction, MuJoCo's contact is 20 times stiffer: 15 N/mm at
+first touch and 70 N at most. The springs of the washcloth are much softer."""
 INVERSE_MASS_PER_KG = 3.2
 """Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
 MAX_DEPTH_M = 0.05
-"""At larger depths the spring becomes stiffer again. Only an arm at full speed against a fixed person reaches this
-depth."""
+"""Maximum penetration depth of the softening spring; at larger depths it becomes stiffer. Only an arm at full speed
+against a fixed person reaches this depth."""
 TREMOR_STRENGTH_SHARE = 1 / 3
-"""Share of their strength that people with tremor use (assumption). The measured tremor is ±6° at the shoulder and ±17°
-at the head; with full strength it would be ±7° and ±20°."""
+"""Share of their strength that people with tremor use (assumption). The resulting tremor is ±6° at the shoulder and
+±17° at the head; with full strength it would be ±7° and ±20°."""
 _DOMINANT_MIX = 1e6
 """MuJoCo's ``solmix`` of a geom whose parameters determine the contact."""
 
 
 def contact_force_n(depth_m: FloatArray) -> FloatArray:
-    """Returns the static force of a one-point contact with the person at a penetration depth of any shape.
+    """Returns the static forces of a one-point contact with the person, for penetration depths of any array shape.
 
-    The robot does not move in this model."""
+    The robot is fixed in this model.
+    """
     impedance = SOFT_TISSUE.impedance(depth_m)
     return SOFT_TISSUE.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
 
@@ -98,7 +99,7 @@ MAX_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, MAX_DEPTH_M, 501)).
 
 
 def impact_force_n(energy_j: FloatArray) -> FloatArray:
-    """Returns the largest additional force of an impact with a kinetic energy of any shape."""
+    """Returns the maximum additional forces of impacts, for kinetic energies of any array shape."""
     compliance = (1.0 - SOFT_TISSUE.impedance_start) / SOFT_TISSUE.impedance_start * INVERSE_MASS_PER_KG
     return 0.5 * SOFT_TISSUE.damping_s * np.sqrt(2.0 * energy_j / compliance)
 
@@ -110,7 +111,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
         spec: the scene.
         arm: the moving arm.
         tool: the tool in its hand.
-        lead_rad: maximum distance between a servo target and its joint, in ``kinematics.joint_units``.
+        lead_rad: maximum distance between servo target and joint position, in ``kinematics.joint_units``.
     """
     if tool.hull is not None:
         _replace_walls_by_hull(spec, tool.hull)
@@ -143,7 +144,8 @@ def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TI
 def effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
     """Returns limits of torque or force (J,): the motor's limit, or the servo's spring force if this is lower.
 
-    ``lead`` is the distance between servo target and joint."""
+    ``lead`` is the maximum distance between servo target and joint position.
+    """
     return np.minimum(arm.effort_limit, lead * arm.stiffness)
 
 

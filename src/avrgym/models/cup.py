@@ -50,13 +50,12 @@ CUP_SHAPES: Mapping[str, CupShape] = {
     "glass": CupShape(0.040, 0.034, 0.135),
     "mug": CupShape(0.043, 0.038, 0.095),
 }
-"""Shapes of cups by name. ``cup`` is like the cup of the 2020 reference, but narrower at its foot, for the robots'
-hands."""
+"""Shapes of cups by name. ``cup`` is the cup of the 2020 reference with a narrower foot, for the robots' hands."""
 CUP_SHAPE = CUP_SHAPES["cup"]
 
 
 def _packed(shape: CupShape, radius_m: float) -> FloatArray:
-    """Centres (K, 3) of a close packing of spheres that fills a cup, the lowest first."""
+    """Returns the centres (K, 3) of a close packing of spheres that fills a cup, the lowest first."""
     pitch = 2.02 * radius_m
     places: list[FloatArray] = []
     layer = 0
@@ -70,7 +69,7 @@ def _packed(shape: CupShape, radius_m: float) -> FloatArray:
 
 
 def _layer(axis_x_m: float, z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
-    """A hexagonal layer around the cup's axis, sorted by distance from the axis."""
+    """Returns the centres of a hexagonal layer around the cup's axis, sorted by distance from the axis."""
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10), indexing="ij"))
     x, y = pitch * (i + 0.5 * j), pitch * np.sqrt(0.75) * (j + (2.0 / 3.0 if shifted else 0.0))
     distance = np.hypot(x, y)
@@ -94,7 +93,7 @@ def make_cup(name: str = "cup", particles: int = len(WATER.initial_pos)) -> Tool
     """Returns a cup with the shape ``name`` and ``particles`` particles of water.
 
     Raises:
-        ValueError: for an unknown shape, and for more particles than fit into the cup.
+        ValueError: for an unknown shape, or too many particles for the cup.
     """
     if name not in CUP_SHAPES:
         raise ValueError(f"unknown cup {name!r}; allowed: {', '.join(CUP_SHAPES)}")
@@ -129,7 +128,7 @@ def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appea
 
 
 def _outline(shape: CupShape) -> list[tuple[float, float]]:
-    """Points (radius, height) of the visual mesh's profile: the profile of ``CUP_SHAPE``, stretched to a shape."""
+    """Returns points (radius, height) of the visual mesh's profile: the profile of ``CUP_SHAPE``, scaled to a shape."""
 
     def wider(share: float) -> float:
         rim, foot = (1.0 - share) * shape.rim_radius_m, share * shape.foot_radius_m

@@ -1,4 +1,4 @@
-"""Driving bases: a differential drive that moves while the arm works."""
+"""Mobile bases: a differential drive, which can move at the same time as the arm."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ MOTOR_GROUP = 1
 """Actuator group of the moving arm and of the drive."""
 _SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 DRIVE_ACTIONS = ("forward", "turn")
-"""Components of an action for the drive. These components follow those for the arm."""
+"""Names of an action's components for the drive. They follow the components for the arm."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class DifferentialDrive:
     Attributes:
         speed_limit_m_s: limit of the forward speed, and of the speed of each wheel.
         turn_limit_rad_s: limit of the turn rate.
-        track_width_m: distance of the wheels.
-        force_limit_n: limit of the force of both wheels along the ground.
+        track_width_m: distance between the wheels.
+        force_limit_n: limit of the driving force of both wheels together.
         lateral_force_limit_n: limit of the wheels' friction force against sideways motion.
     """
 
@@ -48,14 +48,13 @@ class DifferentialDrive:
 
 
 DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
-"""Displacement of a driving base from its start: two slides along x and y of the base's start pose, and a hinge about
-z."""
+"""Joints of a mobile base: slides along x and y of the base's initial pose, and a hinge about z."""
 DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
-"""Velocity servos of a driving base, in the base's own frame. The sideways command is always 0."""
+"""Velocity servos of a mobile base, in the base's own frame. The sideways command is always 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
-"""Damping of the drive's servos divided by the robot's mass or inertia: the highest value without oscillation at the
-force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg creeps at 4 mm/s until the brakes stop
-it."""
+"""Damping of the drive's servos divided by the robot's mass or inertia. It is the highest value without oscillation at
+the force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg drifts at 4 mm/s until it is
+braked."""
 
 
 def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDrive) -> None:

@@ -1,4 +1,4 @@
-"""Add collision and visual geoms to a body."""
+"""Functions that add collision geoms, visual geoms and materials to a model."""
 
 from collections.abc import Sequence
 from typing import Any

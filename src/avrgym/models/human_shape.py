@@ -1,4 +1,4 @@
-"""Rendered body of the person: a clothed man or woman as MuJoCo skins, without collision.
+"""The person's rendered body: MuJoCo skins of a clothed man or woman, without collision.
 
 The stored shapes have the sex's reference torso height. ``assets/human/SOURCE.md`` lists their sources.
 """
@@ -58,22 +58,22 @@ SKIN_PARTS: Mapping[str, SkinPart] = {
     "tongue": SkinPart((0.60, 0.28, 0.26), 0.3),
 }
 HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
-"""Parts that are hidden in the participant's own view."""
+"""Parts that are hidden in the participant's first-person view."""
 
 POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
-"""Ranges of stored positions and mouth openings, and the share of the opening that an open mouth has."""
+"""Ranges of stored positions and of stored mouth displacements, and the share of the displacement for an open mouth."""
 ARM = ("upper_arm", "forearm")
-"""Bodies of an arm that are scaled by the arm scale."""
+"""Arm segments that are scaled by ``Person.arm_scale``."""
 CROWN_STRETCH_SHARE = 0.5
-"""The head above the mouth is stretched by this share of the torso's stretch, like the head's collision sphere."""
+"""Stretch of the head above the mouth as a share of the torso's stretch. The head's collision sphere moves equally."""
 
 
 @dataclass(frozen=True)
 class SkinMesh:
     """Skinned mesh of a rendered part, in the pose of ``bind_frames``.
 
-    ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v points down), ``faces`` (F, 3). Each vertex follows four
-    bodies: indices ``bodies`` in ``BODIES`` and ``weights``, (V, 4) each.
+    ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v points down), ``faces`` (F, 3). Each vertex is bound to
+    four bodies: ``bodies`` (V, 4) are their indices in ``BODIES``, and ``weights`` (V, 4) the skinning weights.
     """
 
     vertices: FloatArray
@@ -84,7 +84,7 @@ class SkinMesh:
 
 
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
-    """Add the skins of the scene's person. In bed the person wears no shoes."""
+    """Add the skins of the scene's person. A person in bed has no shoes."""
     _add_materials(spec, person)
     pos, q = bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
@@ -170,14 +170,14 @@ def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMes
 
 
 def _girths(person: Person) -> Mapping[str, float]:
-    """Radii and breadths relative to the sex's reference, by measure."""
+    """Returns radii and breadths relative to the reference of the sex, by the name of the measure."""
     built, reference = layout_of_people(People.of([person])).proportions, PROPORTIONS[person.sex]
     return {name: float(getattr(built, name)[0]) / getattr(reference, name) for name in GIRTH_EXPONENTS}
 
 
 def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: Proportions) -> FloatArray:
-    """Points in a body's frame, scaled across the body. On the torso the scale changes with height. The head keeps its
-    size."""
+    """Returns points in a body's frame, scaled across the body. On the torso, the scale depends on the height. The head
+    is not scaled."""
     part = body.removeprefix("left_").removeprefix("right_")
     if part == "head":
         return local
@@ -194,7 +194,7 @@ def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: Propo
 
 
 def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
-    """Points in a body's frame, scaled by ``h`` along the body. Hands keep their size."""
+    """Returns points in a body's frame, scaled by ``h`` along the body. Hands are not scaled."""
     part = body.rpartition("_")[2]
     if part == "hand":
         return local
@@ -208,7 +208,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
 
 @cache
 def _stored_parts(sex: Sex) -> Mapping[str, tuple[SkinMesh, FloatArray]]:
-    """Stored parts, and the displacement of their vertices (V, 3) when the mouth opens."""
+    """Returns the stored parts by name, and the displacement of their vertices (V, 3) if the mouth is open."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
         return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAYS}) for name in SKIN_PARTS}
 
@@ -229,7 +229,7 @@ def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[SkinMesh, FloatArray]:
 
 @cache
 def _pixels(file: str) -> NDArray[np.uint8]:
-    """An image (H, W, 3)."""
+    """Returns the pixels (H, W, 3) of an image."""
     return np.asarray(Image.open(io.BytesIO(_asset(file))))
 
 

@@ -26,7 +26,7 @@ PersonLocation = Literal["wheelchair", "bed"]
 PERSON_LOCATIONS: tuple[PersonLocation, ...] = ("wheelchair", "bed")
 """Locations of the person: in the wheelchair or in bed."""
 Furniture = Callable[[mujoco.MjSpec, bool], None]
-"""A function that adds furniture to a scene, in the world frame. The second argument: whether to add visual geoms."""
+"""Function that adds furniture to a scene, in the world frame. Arguments: scene, and whether to add visual geoms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Arm:
         stiffness: servo stiffness (J,), N·m/rad or N/m.
         inertia: inertia or mass at the seed pose, motor included (J,), kg·m² or kg. The servo's damping follows from
             it.
-        seed_pose: initial joint positions (J,) of inverse kinematics, rad or m, with clearance around the arm.
+        seed_pose: initial joint positions (J,) for inverse kinematics, rad or m, with clearance around the arm.
         finger_prefix: prefix of the hand's joint names.
     """
 
@@ -74,7 +74,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class BaseRange:
-    """Range of the robot's base around its nominal pose, metres and radians."""
+    """Range of the robot's base poses relative to the nominal pose, metres and radians."""
 
     x_m: tuple[float, float]
     y_m: tuple[float, float]
@@ -93,8 +93,8 @@ class Mount:
     Attributes:
         pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
         base_range: range in which each episode searches for a base pose.
-        carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
-            A carrier with the keyword ``mirrored`` can also be on the person's left.
+        carrier: function that adds the furniture to which the base is attached. ``None``: the robot is on the floor,
+            and tasks may move it. A carrier with the keyword ``mirrored`` can also be on the person's left.
         carrier_body: body of the carrier that moves with the base.
         left_yaw_rad: base yaw on the person's other side, for a robot whose arm extends to one side. ``None``: the
             mirrored yaw.
@@ -127,7 +127,8 @@ class Mount:
         if carrier is not None:
             if "mirrored" not in inspect.signature(carrier).parameters:
                 raise UnsuitableRobotError(
-                    "the carrier has no keyword mirrored; allowed: a robot on the floor"
+                    "the function of the robot's carrier has no keyword `mirrored`, so it cannot be on the person's "
+                    "left; add the keyword, or choose a robot on the floor"
                 )
             to_left = not getattr(carrier, "keywords", {}).get("mirrored", False)
             on_right_m = (-pos_w[0], *pos_w[1:]) if to_left else pos_w
@@ -181,8 +182,8 @@ class Robot:
         half_width_m: half the width of a square base on the floor.
         fixed_joints: positions of all other joints, radians or metres; default: 0.
         cameras: cameras by name, such as ``head``.
-        drive: drive of a base on the floor, which moves while the arm works. Actions then end with forward speed and
-            turn rate.
+        drive: drive of a mobile base, which can move at the same time as the arm. The last components of an action are
+            then forward speed and turn rate.
     """
 
     name: str
@@ -198,11 +199,11 @@ class Robot:
     drive: DifferentialDrive | None = None
 
     def first_joint(self, arm: Arm) -> str:
-        """Returns the name of the joint that moves all moving bodies: the arm's or the drive's first joint."""
+        """Returns the first joint of the kinematic chain: the arm's first joint, or the drive's."""
         return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
 
     def action_names(self, arm: Arm) -> tuple[str, ...]:
-        """Returns the names of the A components of an action: the arm's joints, then ``DRIVE_ACTIONS`` if it drives."""
+        """Returns the names of an action's A components: the arm's joints, and ``DRIVE_ACTIONS`` for a mobile base."""
         return (*arm.joints, *(() if self.drive is None else DRIVE_ACTIONS))
 
 
@@ -221,13 +222,13 @@ def select_equipment(robot: Robot, place: PersonLocation, side: Side, tool: Tool
     ):  # fmt: skip
         if wanted not in found:
             raise UnsuitableRobotError(
-                f"robot {robot.name} has no {what} {wanted!r}; it has {', '.join(found)}"
+                f"robot {robot.name} has no {what} {wanted!r}; allowed: {', '.join(found)}"
             )
     return robot.arms[side], robot.mounts[place]
 
 
 def robot_as_furniture(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
-    """Returns a function that adds a robot as furniture: it is on the floor, does not move, and is an obstacle.
+    """Returns a function that adds a robot as furniture: a static obstacle on the floor.
 
     Raises:
         ValueError: for a robot without a mount on the floor.
@@ -235,7 +236,7 @@ def robot_as_furniture(robot: Robot, name: str, place: tuple[float, float], yaw_
     heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.on_floor]
     if not heights_m:
         raise ValueError(
-            f"robot {robot.name} is not mounted on the floor; allowed: a robot with a mount on the floor"
+            f"robot {robot.name} has no mount on the floor; choose a robot with a mount on the floor"
         )
     positions = {
         joint: float(value)
@@ -257,14 +258,13 @@ def robot_as_furniture(robot: Robot, name: str, place: tuple[float, float], yaw_
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
     """Returns the model of a robot without a scene.
 
-    Geoms have collision bits, joints of the arm have velocity servos, and all other joints are fixed.
+    Geoms have collision bits, and joints of the arm have velocity servos. All other joints are fixed, except mimic
+    joints of the arm. A drive has three joints, see ``DRIVE_JOINTS``.
 
-    Joints that mimic a joint of the arm follow it. A drive has three joints, see ``DRIVE_JOINTS``.
-
-    The servo integrates its command into a target angle within the joint's range. The servo acts like a spring of
-    ``stiffness`` with critical damping at the seed pose, and its torque is limited to the motor's. MuJoCo's damping
-    ratio is not used: it refers to angle zero, where the folded arm has a fifth of the inertia. The servo would
-    therefore overshoot.
+    The servo integrates its command into a target angle within the joint's range. It behaves like a spring of
+    ``stiffness`` with critical damping at the seed pose. Its torque is limited to that of the motor. MuJoCo's damping
+    ratio is not used, because it refers to joint angle zero. There the folded arm has a fifth of the inertia, and the
+    servo would overshoot.
     """
     spec = robot.build(appearance)
     _set_collision_bits(spec, collision_bits.ROBOT, appearance)
@@ -311,9 +311,9 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
-    """Weld all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
+    """Remove all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
 
-    A mimic joint (coupled by a MuJoCo equality) follows its joint, also if that joint moves.
+    A mimic joint (coupled by a MuJoCo equality) follows its joint. If that joint moves, the mimic joint is not removed.
 
     Raises:
         ValueError: for a moving joint that mimics another one.
@@ -328,9 +328,9 @@ def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, f
 def _with_mimics(
     spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]
 ) -> tuple[Mapping[str, float], set[str]]:
-    """Positions of the fixed joints including mimic joints, and names of joints that mimic a moving one.
+    """Returns the positions of the fixed joints with mimic joints, and the names of joints that mimic a moving joint.
 
-    Removes the equalities of the fixed joints.
+    The equalities of the fixed joints are removed from the model.
     """
     mimics = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT]
     for each in mimics:
@@ -352,7 +352,7 @@ def _with_mimics(
 
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile the model of a robot.
+    """Compile and return the model of a robot.
 
     Raises:
         ValueError: for an invalid model, for example a moving link without mass.
@@ -379,7 +379,7 @@ def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> Non
 
 
 def _orientation(body: mujoco.MjsBody) -> FloatArray:
-    """Quaternion (4,) of a body, converted if the model contains Euler angles."""
+    """Returns the quaternion (4,) of a body, converted from Euler angles if necessary."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
     orientation = np.zeros(4)
@@ -388,9 +388,9 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
 
 
 MAX_JOINT_SPEED_RAD_S, MAX_SLIDE_SPEED_M_S = np.radians(48.0), 0.25
-"""Highest joint speed of the Jaco, an assistive arm; reduced speed of ISO 10218-1:2011."""
+"""Maximum joint speed of the Jaco, an assistive arm, and the reduced speed of ISO 10218-1:2011 for slides."""
 SERVO_FREQUENCY_RAD_S = 20.0
-"""Natural frequency of a servo: 0.1 s of lag at full speed."""
+"""Natural frequency of a servo. The joint lags 0.1 s behind the servo target."""
 
 
 def tuned_arm(
@@ -415,7 +415,7 @@ def tuned_arm(
         finger_prefix: see ``Arm``.
 
     Raises:
-        ValueError: for a joint that the model lacks, or arrays of a wrong length.
+        ValueError: for a joint that is not in the model, or arrays of a wrong length.
     """
     spec = build(False)
     missing = [name for name in joints if spec.joint(name) is None]
@@ -456,7 +456,9 @@ def tuned_arm(
 def _per_joint(name: str, values: ArrayLike, count: int) -> FloatArray:
     found = np.asarray(values, float)
     if found.shape not in ((), (count,)):
-        raise ValueError(f"{name} has shape {found.shape}; allowed: ({count},), one number for each joint")
+        raise ValueError(
+            f"{name} has the shape {found.shape}; allowed: ({count},), one number for each joint"
+        )
     return np.broadcast_to(found, count).copy()
 
 
@@ -478,10 +480,10 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
 
 
 BRAKING_TIME_S = 0.04
-"""Time constant of the brakes. The brakes halve the speed of all joints every 10 ms. The hand therefore continues in a
-straight line: for 2 cm, if its speed was 1 m/s."""
+"""Time constant of the brakes. The brakes halve the speed of all joints every 10 ms. The hand therefore stops along a
+straight line: within 2 cm from a speed of 1 m/s."""
 BRAKE_IMPEDANCE = 0.9999
-"""Impedance of a brake, the highest in MuJoCo. The remaining share of the load makes the joint creep."""
+"""Impedance of a brake, the maximum in MuJoCo. The remaining share of the load moves the joint slowly."""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:

@@ -39,11 +39,11 @@ class SceneConfig:
         posture: posture of the person.
         robot, arm, tool, mount: the robot, its moving arm, the tool in the hand, and the pose of the base.
         control_step_s: duration of a control step.
-        checks_reach: whether initial states out of the arm's reach are resampled.
+        checks_reach: whether initial states are resampled if they are out of the arm's reach.
         body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
         self_collision: whether the robot's links collide with each other.
         frame: frame in which mount and posture are given. Furniture is always in the world frame.
-        task_scene: the same scene in the task's frame, if that differs from the world frame.
+        task_scene: the same scene in the task's frame, if this frame differs from the world frame.
     """
 
     furniture: Sequence[Furniture]
@@ -62,7 +62,7 @@ class SceneConfig:
 
     @property
     def in_task_frame(self) -> "SceneConfig":
-        """The scene that the task's functions take."""
+        """The scene in the task's frame. It is the argument of the task's functions."""
         return self.task_scene or self
 
     @property
@@ -87,7 +87,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
 
     Args:
         scene: furniture, robot and tool.
-        person: the person; a static person keeps the pose of this record.
+        person: the person; a static person has the joint angles of this record.
         moving: whether the person has actuated joints; otherwise the person is rigid.
         appearance: whether to add visual geoms.
     """
@@ -98,7 +98,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     )
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
-        from avrgym.models.human_shape import add_appearance  # together with the module that reads pictures
+        from avrgym.models.human_shape import add_appearance  # imports the image library
 
         add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     for add in scene.furniture:
@@ -119,7 +119,7 @@ def _set_options(spec: mujoco.MjSpec, tool: Tool) -> None:
     )
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.compiler.degree = False
-    # Few bodies have many geoms, and nearly all contacts belong to one island.
+    # Islands and geom trees are slower here: nearly all contacts are in one island, and few bodies have many geoms.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     if tool.particles is not None and tool.particles.fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
@@ -162,9 +162,10 @@ TOOL_VELOCITY_SENSOR = "tool_velocity"
 def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Add sensors of contact forces on the person, contacts, and velocities of end effector and tool.
 
-    Net forces and velocities are in the world frame. Of the contacts, the strongest are measured. A contact of the tool
-    has a force (in the contact frame; only its magnitude is used), a position, and a normal from the tool to the
-    person. A sensor cannot name a flex: with cloth, further sensors measure everything that touches the person.
+    Net forces and velocities are in the world frame. The sensors measure the strongest contacts. A contact of the tool
+    has a force, a position, and a normal from the tool to the person. The force is in the contact frame; only its
+    magnitude is used. A MuJoCo sensor cannot measure a flex alone. With cloth, further sensors therefore measure all
+    contacts of the person.
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
@@ -195,7 +196,7 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 
 
 def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
-    """Add a sensor of the strongest contact forces of robot and cloth on one of ``human.GEOMS``."""
+    """Add a sensor of the strongest contact forces from robot and cloth on one of the geoms ``human.GEOMS``."""
     base = robot.PREFIX + scene.robot.base if scene.tool.cloth is None else None
     _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)
 

@@ -11,7 +11,7 @@ from avrgym.models.shapes import rounded_polyline, tube
 from avrgym.models.tools import Tool
 
 PADDING_RADIUS_M, HALF_WIDTH_M, HALF_LENGTH_M, RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
-"""Sizes of the trough. Along x it is 14 cm wide outside and 10 cm inside, along y it is 7 cm long. Along z its rims are
+"""Sizes of the trough. Along x it is 14 cm wide outside and 10 cm inside. Along y it is 7 cm long. Along z its rims are
 5 cm above its floor."""
 GRIP_M = -(HALF_WIDTH_M + 0.06)
 """x coordinate of the grip in the tool's frame."""

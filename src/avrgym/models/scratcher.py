@@ -12,7 +12,7 @@ TIP_BEYOND_FINGERS_M = 0.05
 """Distance from the fingertips to the tip of the scratcher (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
 PINCH_M = 0.039
-"""Distance from the end of the fingertips back to the point at which the fingers hold the rod."""
+"""Distance from the end of the fingertips back to the contact point of fingers and rod."""
 
 
 def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:

@@ -13,8 +13,8 @@ from avrgym.system import random_streams
 SAMPLES = 1000
 """Number of sampled poses of the arm."""
 PERMANENT_CONTACT_SHARE = 0.9
-"""A pair of bodies that touches in at least this share of the poses does not collide: its shapes overlap
-permanently."""
+"""Minimum share of poses in which a pair of bodies touches permanently. The shapes of such a pair overlap, and its
+collisions are disabled."""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
@@ -40,9 +40,11 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
 def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     """Returns the pairs of bodies of a robot that may collide, by name.
 
-    These pairs touch in sampled poses of the arm. Excluded are pairs with at most one link between them, because their
-    capsules overlap although the real links do not. Also excluded are pairs that touch at the seed pose, and pairs that
-    touch in most poses, see ``PERMANENT_CONTACT_SHARE``.
+    These pairs touch in sampled poses of the arm. Three kinds of pairs are excluded:
+
+    - pairs with at most one link between them, because their capsules overlap, but the real links do not
+    - pairs that touch at the seed pose
+    - pairs that touch in most poses, see ``PERMANENT_CONTACT_SHARE``
     """
     spec = robot_spec(robot, arm, appearance=False)
     for geom in spec.geoms:
@@ -66,13 +68,13 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
 
 
 def _are_near(model: mujoco.MjModel, pair: frozenset[str]) -> bool:
-    """Whether at most two joints are between two bodies."""
+    """Returns whether at most two joints are between two bodies."""
     one, other = (int(model.body_weldid[model.body(name).id]) for name in pair)
     return other in _ancestors(model, one) or one in _ancestors(model, other)
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """A body and the bodies that carry it, over two joints."""
+    """Returns a body, its parent and its grandparent in the kinematic tree."""
     found = [body]
     for _ in range(2):
         found.append(int(model.body_weldid[model.body_parentid[found[-1]]]))
@@ -82,7 +84,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
 def _touching(
     model: mujoco.MjModel, data: mujoco.MjData, places: list[int], pose: np.ndarray
 ) -> set[frozenset[str]]:
-    """Pairs of bodies in contact at a pose of the arm. MuJoCo does not report contacts of a body with its parent."""
+    """Returns the pairs of bodies in contact at a pose of the arm, without contacts between a body and its parent."""
     data.qpos[places] = pose
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)

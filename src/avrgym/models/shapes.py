@@ -23,7 +23,10 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Section:
-    """Cross-section of a loft at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y)."""
+    """Cross-section of a loft at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y), in metres.
+
+    Its centre is at ``x`` and ``y``. ``exponent`` 2 is an ellipse; larger exponents are closer to a rectangle.
+    """
 
     z: float
     a: float
@@ -97,7 +100,7 @@ def _close_at_centres(rings: FloatArray) -> Mesh:
 
 
 def _close(rings: FloatArray, first: FloatArray, last: FloatArray) -> Mesh:
-    """Mesh of rings (R, S, 3), closed by a point (3,) at each end."""
+    """Returns a mesh of rings (R, S, 3), closed by a point (3,) at each end."""
     count, segments = len(rings), len(rings[0])
     vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
     start, end = count * segments, count * segments + 1

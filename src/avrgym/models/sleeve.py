@@ -32,7 +32,7 @@ _HOOP_RGB, _GOWN_RGB = (0.92, 0.92, 0.90), (0.36, 0.62, 0.72)
 
 
 def _vertices() -> FloatArray:
-    """Rest positions (V, 3), ring by ring from the opening."""
+    """Returns the stress-free positions (V, 3) of the vertices, ring by ring from the opening."""
     angle = 2.0 * np.pi * (np.arange(VERTICES_PER_RING) + 0.5) / VERTICES_PER_RING
     share = np.linspace(0.0, 1.0, RINGS)
     radius = OPENING_RADIUS_M + share * (END_RADIUS_M - OPENING_RADIUS_M)
@@ -42,7 +42,7 @@ def _vertices() -> FloatArray:
 
 
 def _faces() -> NDArray[np.int64]:
-    """Triangles (F, 3). Their diagonals alternate; parallel diagonals would twist the sleeve."""
+    """Returns the triangles (F, 3). Their diagonals alternate, because parallel diagonals would twist the sleeve."""
     found: list[tuple[int, int, int]] = []
     for ring in range(RINGS - 1):
         for place in range(VERTICES_PER_RING):
@@ -74,7 +74,7 @@ garment. Finer folds need more vertices."""
 
 
 def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """Build a hoop of rods along the held vertices, and a handle."""
+    """Build a hoop of rods along the attached vertices, and a handle."""
     add_attachment_sites(body, GOWN)
     rim = GOWN.initial_pos[list(ATTACHED_VERTICES)]
     for number, (begin, end) in enumerate(pairwise(rim)):

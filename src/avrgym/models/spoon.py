@@ -39,7 +39,7 @@ def make_spoon(size: str = "medium", pieces: int | None = None) -> Tool:
     Each piece is a sphere of radius 5 mm and 1 g. The pieces are in one layer, in the middle of the spoon.
 
     Raises:
-        ValueError: for an unknown size, and for more pieces than fit on the spoon.
+        ValueError: for an unknown size, or too many pieces for the spoon.
     """
     if size not in SIZES:
         raise ValueError(f"unknown size of spoon {size!r}; allowed: {', '.join(SIZES)}")
@@ -74,7 +74,7 @@ def make_spoon(size: str = "medium", pieces: int | None = None) -> Tool:
 
 
 def _places(floor: tuple[float, ...]) -> FloatArray:
-    """Centres (K, 3) of food pieces in one layer on the floor of the spoon's bowl."""
+    """Returns the centres (K, 3) of food pieces in one layer on the floor of the spoon's bowl."""
     along, across = (
         [round(_PITCH_M * (i - 0.5 * (count - 1)), 4) for i in range(count)]
         for count in (int(2.0 * half / _PITCH_M) for half in floor)

@@ -1,8 +1,8 @@
-"""The frame of a task whose scene is mirrored or on another height.
+"""The task's frame, for scenes that are mirrored or have another height.
 
-A task is written for one served arm, and for the usual height of seat or bed. In a scene with another arm or height,
-its functions compute in the task's frame: the person's sagittal plane is the mirror, and the floor is higher or lower
-than the person expects. In this frame the robot is the mirror image of the real one, with the same joint positions.
+The functions of a task assume one arm of the person, and the default height of seat or bed. A scene with the other arm
+or another height is transformed to the task's frame. This frame is mirrored at the person's sagittal plane, and shifted
+vertically. The robot is mirrored too, and its joint positions do not change.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from avrgym.models.human.joints import X_AXIS
 from avrgym.models.robot import Mount
 
 X, Y = 0, 1
-"""Axes across the planes of symmetry: x of the world and of people's bodies, y of robots and of most tools."""
+"""Indices of the axes normal to the planes of symmetry: x of the world and of people, y of robots and most tools."""
 
 
 def opposite(name: str) -> str:
@@ -39,14 +39,14 @@ OPPOSITE_GEOMS = np.array([_GEOMS.index(opposite(name)) for name in _GEOMS])
 class TaskFrame:
     """A task's frame: mirrored at the person's sagittal plane (x = 0), and ``rise_m`` above the world frame.
 
-    Mirroring is its own inverse. Methods without ``to_world`` therefore map in both directions.
+    Mirroring is its own inverse. Methods without the argument ``to_world`` therefore transform in both directions.
     """
 
     mirrored: bool = False
     rise_m: float = 0.0
 
     def points(self, pos: FloatArray, *, to_world: bool = False) -> FloatArray:
-        """Positions (..., 3) in the task's frame from the world frame, or the reverse."""
+        """Transform positions (..., 3) from the world frame to the task's frame; with ``to_world`` in reverse."""
         moved = self.vectors(pos)
         if self.rise_m:
             rise_m = self.rise_m if to_world else -self.rise_m
@@ -54,29 +54,29 @@ class TaskFrame:
         return moved
 
     def vectors(self, v: FloatArray) -> FloatArray:
-        """Vectors (..., 3) in the other frame."""
+        """Transform vectors (..., 3) to the other frame."""
         return v * constant_like(_signs(X), v) if self.mirrored else v
 
     def rotations(self, q: FloatArray, axis: int) -> FloatArray:
-        """Rotations (..., 4) of symmetric bodies in the other frame. ``axis`` is the body's axis across its plane of
-        symmetry."""
+        """Transform rotations (..., 4) of symmetric bodies to the other frame. ``axis`` is the normal of the body's
+        plane of symmetry."""
         return mirrored_rotations(q, X, axis) if self.mirrored else q
 
     def joint_angles(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Joint angles (..., 20) of people in the other frame."""
+        """Transform the joint angles (..., 20) of people to the other frame."""
         if not self.mirrored:
             return joint_angles_rad
         signs = constant_like(_JOINT_SIGNS, joint_angles_rad)
         return self.per_joint(joint_angles_rad) * signs
 
     def per_joint(self, values: FloatArray, axis: int = -1) -> FloatArray:
-        """Values by joint, without sign, in the other frame; ``axis`` has length 20."""
+        """Exchange the values of left and right joints, without a change of sign. The joints are along ``axis``."""
         if not self.mirrored:
             return values
         return namespace(values).take(values, constant_like(_JOINTS, values), axis=axis)
 
     def people(self, people: People) -> People:
-        """People in the other frame: their left and right sides are exchanged."""
+        """Transform people to the other frame: their left and right sides are exchanged."""
         if not self.mirrored:
             return people
         xp, strength, torque = namespace(people.torque_share), people.strength_share, people.torque_share
@@ -92,7 +92,7 @@ class TaskFrame:
         )
 
     def mount(self, mount: Mount) -> Mount:
-        """A mount of the world frame in the task's frame."""
+        """Transform a mount from the world frame to the task's frame."""
         x, y, z = mount.pos_w
         if not self.mirrored:
             return replace(mount, pos_w=(x, y, z - self.rise_m))
@@ -108,8 +108,8 @@ MIRRORED_LINK = np.array([1.0, -1.0, 1.0])
 
 
 def mirrored_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatArray:
-    """Rotations (..., 4) of bodies in a mirrored world. ``world_axis`` is the normal of the mirror; the bodies are
-    symmetric across their ``body_axis``.
+    """Returns rotations (..., 4) of bodies in a mirrored world. ``world_axis`` is the normal of the mirror plane,
+    ``body_axis`` the normal of the bodies' plane of symmetry.
 
     With the reflections M of the world and S of the body, the rotation matrix R becomes M R S.
     """
@@ -122,9 +122,9 @@ def mirrored_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatA
 
 
 def mirrored_chain(chain: Chain, tip_axis: int) -> Chain:
-    """The mirror image of a chain with the same joint positions: all frames but the tip are mirrored across y.
+    """Returns the mirror image of a kinematic chain for the same joint positions.
 
-    ``tip_axis`` is the tip's axis across its plane of symmetry.
+    All frames except the tip's are mirrored along y. ``tip_axis`` is the normal of the tip's plane of symmetry.
     """
     slides = np.isin(np.arange(len(chain.axis)), list(chain.slides))[:, None]
     axis = chain.axis * MIRRORED_LINK
@@ -139,14 +139,14 @@ def mirrored_chain(chain: Chain, tip_axis: int) -> Chain:
 
 
 def _signs(axis: int) -> FloatArray:
-    """Factors (3,) that mirror a vector along an axis."""
+    """Returns factors (3,) that mirror a vector along an axis."""
     signs = np.ones(3)
     signs[axis] = -1.0
     return signs
 
 
 def _conjugation(axis: int) -> FloatArray:
-    """Factors (4,) of a quaternion whose rotation is mirrored along an axis: M R M."""
+    """Returns factors (4,) that mirror a quaternion along an axis (rotation matrix M R M)."""
     signs = -np.ones(4)
     signs[[0, axis + 1]] = 1.0
     return signs

@@ -1,4 +1,4 @@
-"""Tools and the particles that they carry.
+"""Tools, and the particles on them.
 
 A tool's frame has its origin at the working point, x away from the hand, and z up when the tool is level.
 """
@@ -20,7 +20,7 @@ BODY = "tool"
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """Small spheres that a tool carries: food or water.
+    """Small spheres on a tool: food or water.
 
     ``initial_pos`` are their initial centres (K, 3) in the tool's frame, metres. ``fluid`` particles have no friction.
     """
@@ -34,7 +34,7 @@ class Particles:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Body names. The slide joints of each are ``<body>_x``, ``_y`` and ``_z``."""
+        """Body names. The slide joints of each body are ``<body>_x``, ``<body>_y`` and ``<body>_z``."""
         return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 
@@ -61,12 +61,12 @@ class Tool:
         build: adds the tool to a body of a model. The last argument: whether to add visual geoms.
         grip_pos: point that the hand holds (3,), tool's frame, metres.
         particles: food or water on the tool.
-        pad: name of the body that touches people, if it moves relative to the tool.
+        pad: name of the body in contact with people, if it moves relative to the tool.
         hull: collision shape that replaces thin walls.
         outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
         cloth: cloth that is attached to the tool.
-        grip: name of another tool with the same handle. Robots hold this tool with the grip for the other tool.
-        mirror_axis: axis across the tool's plane of symmetry, 0 to 2 for x to z.
+        grip: name of another tool with the same handle. Robots use the grip of that tool. ``None``: an own grip.
+        mirror_axis: normal of the tool's plane of symmetry, 0 to 2 for x to z.
     """
 
     name: str
@@ -82,15 +82,15 @@ class Tool:
 
     @property
     def grip_name(self) -> str:
-        """Name of the robots' grip that holds this tool."""
+        """Name of the grip for this tool in ``Robot.grips``."""
         return self.grip or self.name
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
 """Contact parameters of food. Pieces slide on each other, but not on tools, because tools have friction."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""Contact parameters of water: one constraint per contact; the other surface has no influence. The softer impedance
-needs a quarter fewer iterations."""
+"""Contact parameters of water: one constraint per contact, independent of the other surface. With the softer impedance,
+the solver needs a quarter fewer iterations."""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:

@@ -24,8 +24,8 @@ from avrgym.models.geoms import add_material, add_visual
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
 ARMATURE_KG_M2, ARMATURE_KG = 0.05, 1.0
-"""Motor inertia of hinges and of slides, because URDF contains none. The value of hinges is that of the Jaco's
-wrist."""
+"""Motor inertia of hinges, and motor mass of slides; URDF does not contain them. The value of hinges is that of the
+Jaco's wrist."""
 GREY = (0.75, 0.75, 0.77)
 WORLD_LINK = "world"
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -57,8 +57,8 @@ class Urdf:
     def spec(self, *, appearance: bool) -> mujoco.MjSpec:
         """Returns the MuJoCo model. Its root body has the name of the root link.
 
-        Gravity is compensated. A capsule replaces each collision shape. ``appearance``: whether to add visual shapes.
-        Continuous joints get a range of ±2 turns.
+        Gravity is compensated. A capsule replaces each collision shape. Continuous joints have a range of ±2π.
+        ``appearance``: whether to add visual shapes.
 
         Raises:
             ValueError: for xacro, invalid URDF, and joint types that are not supported.
@@ -82,7 +82,7 @@ class Urdf:
         return spec
 
     def _vertices(self, shape: "_Shape") -> FloatArray:
-        """Points (V, 3) of a shape in the shape's frame."""
+        """Returns the points (V, 3) of a shape in the shape's frame."""
         if shape.mesh is None:
             return np.asarray(shape.primitive().vertices)
         return np.concatenate([part.vertices for part in read_mesh(self.find_mesh(shape.mesh))]) * shape.scale
@@ -98,7 +98,7 @@ class Urdf:
 
 @dataclass(frozen=True)
 class _Shape:
-    """Visual or collision shape of a link: a mesh name, or a primitive with URDF sizes."""
+    """Visual or collision shape of a link: the name of a mesh, or a primitive with the sizes in the URDF."""
 
     pos: FloatArray
     q: FloatArray
@@ -119,7 +119,7 @@ class _Shape:
 
 @cache
 def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
-    """Returns the parts of a mesh file, each with one colour, in the frame of the file.
+    """Read a mesh file. Returns its parts, each with one colour, in the frame of the file.
 
     Raises:
         ValueError: if the file cannot be read.
@@ -133,7 +133,7 @@ def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
 
 
 def colour_of(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
-    """Returns red, green and blue of a mesh, 0 to 1; grey if its file contains no colour."""
+    """Returns the colour of a mesh (red, green, blue), 0 to 1; grey if its file contains no colour."""
     colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
     return GREY if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
 
@@ -160,7 +160,7 @@ def add_mesh(
 
 
 def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
-    """Returns axis ends (2, 3) and radius of a capsule around points (V, 3), along their longest extent.
+    """Returns the axis ends (2, 3) and the radius of a bounding capsule of points (V, 3), along their longest extent.
 
     The axis is in the middle of the bounding box along the principal axes.
     """
@@ -189,7 +189,7 @@ def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: 
 
 
 def _read(text: str) -> Element:
-    """Root element of the description.
+    """Parse a URDF description. Returns its root element.
 
     Raises:
         ValueError: for invalid URDF, or for xacro; the message then contains the command that expands it.
@@ -232,7 +232,7 @@ def _make_importable(robot: Element) -> None:
 
 
 def _shapes(link: Element) -> tuple[list[_Shape], list[_Shape]]:
-    """Visual and collision shapes of a link."""
+    """Returns the visual and the collision shapes of a link."""
     seen, touched = ([_shape(found) for found in link.findall(kind)] for kind in ("visual", "collision"))
     return seen, touched
 
@@ -252,7 +252,7 @@ def _shape(found: Element) -> _Shape:
 
 
 def _fixed_angles(rpy: FloatArray) -> FloatArray:
-    """Quaternion (4,) of roll, pitch and yaw about fixed axes."""
+    """Returns the quaternion (4,) of roll, pitch and yaw about fixed axes."""
     roll, pitch, yaw = (
         transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True)
     )

@@ -1,4 +1,4 @@
-"""The washcloth: a folded terry cloth, held by the ridge at its back."""
+"""The washcloth: a folded terry cloth. The robot holds the ridge at its back."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,8 @@ PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """Centre of the pad in the tool's frame. The frame's origin is the middle of the wiping face, and its x axis is the
 normal of this face."""
 CONTACT_MARGIN_M = 0.004
-"""The collision box is smaller by this margin on each side and has this contact margin: a pad with rounded edges."""
+"""Contact margin of the collision box. The box is smaller than the pad by this margin on each side, which rounds the
+edges of the pad."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,13 @@ _MAX_GIVE_M, _MAX_TILT_RAD = 0.008, 0.25
 """Maximum compression and tilt (assumption): wet terry compresses by 3 mm under 5 N and lies flat on the skin."""
 _PAD_MASS_KG = 0.05
 _WET_FRICTION = (0.3, 0.005, 0.0001)
-_FIRM = (0.98, 0.999, 0.001, 0.5, 2.0)  # with the default impedance such a light body would penetrate others
+_FIRM = (
+    0.98,
+    0.999,
+    0.001,
+    0.5,
+    2.0,
+)  # with the default impedance, this light body would penetrate other bodies
 _THICKNESS = 2.0 * PAD_HALF_SIZE_M[0]
 _LAYER_INSETS = (0.0, 0.0016, 0.0003, 0.0012)
 _STRIPES_Y, _STRIPE_HALF_WIDTH = (0.034, 0.041), 0.0015
@@ -44,7 +51,7 @@ _TERRY_RGB, _STRIPE_RGB = (0.50, 0.74, 0.86), (0.95, 0.97, 0.98)
 
 
 def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """Build a collision pad on springs as soft as the cloth, and a visual ridge between the fingers."""
+    """Build a collision pad on springs with the stiffness of the cloth, and a visual ridge between the fingers."""
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
@@ -56,7 +63,7 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
 
 def _add_springs(pad: mujoco.MjsBody) -> None:
-    """Add springs: the pad can move towards the hand and tilt about its two sides."""
+    """Add springs: the pad can move towards the hand, and tilt about y and z."""
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for name, kind, axis, give, limits in (
         ("washcloth_give", slide, 0, _GIVE, (-_MAX_GIVE_M, 0.0)),
@@ -82,7 +89,7 @@ def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -
 
 
 def _layer(index: int) -> list[Section]:
-    """Sections of one layer of the folded cloth, with rounded edges. Layer 0 has the wiping face."""
+    """Returns the cross-sections of one layer of the folded cloth, with rounded edges. Layer 0 has the wiping face."""
     thickness = _THICKNESS / len(_LAYER_INSETS)
     rounding = ((0.0, 0.0024), (0.12, 0.0010), (0.5, 0.0), (0.88, 0.0010), (1.0, 0.0024))
     _, half_length, half_width = PAD_HALF_SIZE_M - _LAYER_INSETS[index]
@@ -93,7 +100,7 @@ def _layer(index: int) -> list[Section]:
 
 
 def _stripe(y: float) -> list[Section]:
-    """Sections of a woven stripe across the pad."""
+    """Returns the cross-sections of a woven stripe across the pad."""
     half_width = PAD_HALF_SIZE_M[2] + 0.0003
     return [
         Section(x, half_width - inset, _STRIPE_HALF_WIDTH, y=y, exponent=6.0)
@@ -102,7 +109,7 @@ def _stripe(y: float) -> list[Section]:
 
 
 def _ridge() -> list[Section]:
-    """Sections of the gathered back of the cloth, which is thin where the fingers hold it."""
+    """Returns the cross-sections of the ridge at the back of the cloth. It is thin between the fingers."""
     outline = (
         (-0.002, 2.4, 1.06),
         (0.003, 1.2, 1.02),

@@ -1,1 +1,1 @@
-"""Packaged robots, one folder each, and the registry."""
+"""Packaged robots, each in its own folder, and the registry of robots."""

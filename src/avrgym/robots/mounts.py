@@ -1,4 +1,4 @@
-"""Mounts of arms next to a person: on the furniture, or on a stand for arms that are too heavy for a wheelchair."""
+"""Mounts of arms next to a person: on furniture, or on a stand (for arms that are too heavy for a wheelchair)."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -44,7 +44,7 @@ def mounts_on_furniture(
 
 
 def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
-    """Add geoms of a stand with the height ``height_m`` to the body ``stand``. Move the arm's base to its top."""
+    """Add the geoms of a stand to the body ``stand``, and move the body ``base`` of the arm to its top."""
     body = spec.body(STAND_BODY)
     spec.body(base).pos = [0.0, 0.0, height_m]
     foot = [HALF_WIDTH_M, HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]

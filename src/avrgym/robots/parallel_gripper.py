@@ -15,7 +15,7 @@ CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: the washcloth's z axis is across the fingers."""
 SPOON_ALONG_HAND_Z = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-"""Rotation of a spoon in a hand whose z axis points out of the hand, and whose y axis is across the fingers."""
+"""Rotation of a spoon relative to the hand. The hand's z axis points outwards; its y axis is across the fingers."""
 TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
     "cup": CUP_ROTATION,
@@ -31,7 +31,7 @@ def parallel_grips(
     tool_rotation: FloatArray,
     **fingers: Mapping[str, float],
 ) -> dict[str, Grip]:
-    """Returns grips by tool name. The fingers hold the scratcher farther behind its tip than other tools.
+    """Returns grips by tool name. The grip point is between the fingertips; for the scratcher it is farther back.
 
     Args:
         grip_point_m: point between the fingertips (3,), end effector's frame.

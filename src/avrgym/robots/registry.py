@@ -1,4 +1,4 @@
-"""Registry of robots: packaged ones and plug-ins of the entry-point group ``avrgym.robots``."""
+"""Registry of robots: packaged robots, and plug-ins of the entry point group ``avrgym.robots``."""
 
 from collections.abc import Mapping
 
@@ -20,10 +20,10 @@ ROBOTS: Mapping[str, Robot] = _robots
 
 
 def register(robot: Robot) -> None:
-    """Add a robot.
+    """Add a robot to the registry.
 
     Raises:
-        ValueError: if the name is in use or the record is invalid. Nothing is added then.
+        ValueError: if the name is already registered, or the record is invalid. The registry does not change.
     """
     if robot.name in _robots:
         raise ValueError(f"a robot with the name {robot.name} is already registered; allowed: another name")
@@ -32,7 +32,7 @@ def register(robot: Robot) -> None:
 
 
 SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOTS, Robot, register)
-"""Skipped plug-ins with their error messages."""
+"""Plug-ins of robots that were skipped, with their error messages."""
 
 
 def find_robot(name: str) -> Robot:

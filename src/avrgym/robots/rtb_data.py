@@ -13,16 +13,16 @@ def rtb_data_path(path: str) -> Path:
 
 
 def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> None:
-    """Add visual meshes to bodies. ``meshes`` contains a file for each body, in the folder ``folder`` of the package.
+    """Add visual meshes to bodies. ``meshes`` maps each body to a file in the folder ``folder`` of the package.
 
     Raises:
-        RuntimeError: without the packages that read the meshes.
+        RuntimeError: if packages that read the meshes are missing.
     """
     try:
         from avrgym.models.urdf import add_mesh, colour_of, read_mesh
     except ImportError as error:
         raise RuntimeError(
-            f"the package {error.name} is missing, so the robot's meshes cannot be read; run `pip install avrgym[vr]`"
+            f"the package {error.name} is missing; it reads the meshes of the robot. Run `pip install avrgym[vr]`"
         ) from error
 
     for body, file in meshes.items():

@@ -15,9 +15,9 @@ from avrgym.models.robot import PERSON_LOCATIONS, SIDES, Arm, Robot
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_JOINTS = 6
-"""Minimum number of joints to reach any position and rotation."""
+"""Minimum number of joints for any position and rotation of the hand."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
-"""Limits of reach and joint angles, because observations are bounded."""
+"""Maximum reach and joint angles. They bound the observations."""
 
 
 def check_robot(robot: Robot) -> None:
@@ -33,7 +33,7 @@ def check_robot(robot: Robot) -> None:
 
 def _check_names(robot: Robot) -> Iterator[str]:
     if not re.fullmatch("[A-Z][A-Za-z0-9]*", robot.name):
-        yield "its name cannot be part of an environment id; allowed: a capital letter, then letters and digits"
+        yield "its name is not valid in an environment id; allowed: a capital letter, then letters and digits"
     yield from _check_keys("arms", robot.arms, SIDES)
     yield from _check_keys("mounts", robot.mounts, PERSON_LOCATIONS)
     if not robot.grips:
@@ -43,7 +43,7 @@ def _check_names(robot: Robot) -> Iterator[str]:
     yield from _check_drive(robot)
     for name, mount in robot.cameras.items():
         if not name.isidentifier() or name in (WRIST_CAMERA, SCENE_CAMERA):
-            yield f"unknown camera name {name!r}; allowed: identifiers except {WRIST_CAMERA} and {SCENE_CAMERA}"
+            yield f"invalid camera name {name!r}; allowed: identifiers except {WRIST_CAMERA} and {SCENE_CAMERA}"
         if not np.isfinite(mount.pos_m).all() or not np.cross(mount.forward, mount.up).any():
             yield (
                 f"the camera {name!r} has the position {mount.pos_m}, forward {mount.forward} and up {mount.up}; "
@@ -67,7 +67,7 @@ def _check_drive(robot: Robot) -> Iterator[str]:
             yield f"{name} of its drive is {value}; allowed: above 0"
     carried = [place for place, mount in robot.mounts.items() if not mount.on_floor]
     if carried:
-        yield f"it drives, but its mounts next to {', '.join(carried)} have a carrier; allowed: mounts on the floor"
+        yield f"it has a drive, but its mounts for {', '.join(carried)} have a carrier; allowed: mounts on the floor"
 
 
 def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
@@ -83,7 +83,7 @@ def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
     ):
         values = np.asarray(getattr(arm, name))
         if values.shape != (count,):
-            yield f"{name} of its {side} arm has shape {values.shape}; allowed: ({count},), a number for each joint"
+            yield f"{name} of its {side} arm has the shape {values.shape}; allowed: ({count},), a number for each joint"
         elif not np.isfinite(values).all():
             yield f"{name} of its {side} arm is {values.tolist()}; allowed: finite numbers"
         elif name != "seed_pose" and not (values > 0.0).all():
@@ -98,7 +98,7 @@ def _check_model(robot: Robot) -> Iterator[str]:
 
 
 def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
-    """Errors about names in the record that are missing in the model."""
+    """Yields an error message for each name of the record that is missing in the model."""
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)
@@ -142,13 +142,16 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
 
 def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
     if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
-        yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {MAX_REACH_M} m"
+        yield f"the reach of its {side} arm is {reach_m:.2f} m; allowed: at most {MAX_REACH_M} m"
     turns = np.maximum(np.abs(way.lower), np.abs(way.upper))
     for number, (joint, turn) in enumerate(zip(arm.joints, turns, strict=True)):
         if number not in way.slides and turn > MAX_JOINT_ANGLE_RAD + 1e-9:
-            yield f"joint {joint!r} has no range or a larger one; allowed: within −2π to 2π"
+            yield f"joint {joint!r} has no range or a too large range; allowed: a range within −2π to 2π"
         if number in way.slides and not np.isfinite(turn):
-            yield f"joint {joint!r} has no range; allowed: two finite limits in metres"
+            yield f"joint {joint!r} has no range; add two finite limits in metres"
     outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
     for joint in np.array(arm.joints)[outside]:
-        yield f"the seed pose of its {side} arm is outside the range of joint {str(joint)!r}; allowed: in all ranges"
+        yield (
+            f"the seed pose of its {side} arm is outside the range of joint {str(joint)!r}; allowed: joint positions "
+            "within all ranges"
+        )

@@ -94,8 +94,8 @@ def device_minibatch_seed(seed: int, steps: int) -> int:
 
 
 def episode_generator(seed: int) -> Generator:
-    """Returns the random generator for the initial state and exploration noise of one episode of a study's trial,
-    ``view``, ``export`` or the check of a task.
+    """Returns the random generator for the initial state and exploration noise of a single episode: in a study's trial,
+    in ``view`` and ``export``, and in the check of a task.
     """
     return default_rng(seed)
 

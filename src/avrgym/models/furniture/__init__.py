@@ -1,4 +1,4 @@
-"""Furniture by name, in the world's frame. The person sits or lies at the origin and faces −y."""
+"""Furniture by name, in the world frame. The person is at the origin, seated or in bed, and faces −y."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -42,4 +42,4 @@ FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }
-"""Functions that add furniture to a scene, by furniture name. The second argument: whether to add visual geoms."""
+"""Functions that add furniture to a scene, by name. Arguments: the scene, and whether to add visual geoms."""

@@ -1,4 +1,4 @@
-"""The hospital bed with raised backrest and the nightstand, in the world's frame.
+"""The hospital bed with raised backrest, and the nightstand; in the world frame.
 
 The person lies on their back, with the hips at (0, 0, 0.7) and the legs towards −y. Mattress 880 × 2000 × 150 mm, its
 top at 0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
@@ -22,7 +22,7 @@ LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
 BACKREST_DEG = 60.0
 NIGHTSTAND_BODY = "nightstand"
 NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
-"""Position of a robot on the nightstand, and origin of the nightstand's body, which may move with the robot."""
+"""Position of a robot on the nightstand, and origin of the nightstand's body. The body may move with the robot."""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""
@@ -45,7 +45,7 @@ def add_hospital_bed(
 ) -> None:
     """Add the bed: a mattress in two parts, a frame on casters, end boards, and lowered side rails.
 
-    ``rise_m`` is the height of the mattress above its usual height, ``backrest_deg`` the angle of the backrest above
+    ``rise_m`` is the height of the mattress above its default height, ``backrest_deg`` the angle of the backrest above
     the horizontal.
     """
     body = spec.worldbody.add_body(name="hospital_bed", pos=[0.0, 0.0, rise_m])
@@ -63,9 +63,9 @@ _Pose = tuple[FloatArray, FloatArray]
 
 
 def _backrest(backrest_deg: float) -> _Pose:
-    """Pose of the backrest's surface in the bed's frame: its lower end (3,) and its rotation (4,).
+    """Returns the pose of the backrest's surface in the bed's frame: its lower end (3,) and its rotation (4,).
 
-    At every angle the surface has the same distance from the axis of the torso.
+    The distance between the surface and the axis of the torso is the same at every angle.
     """
     usual, angle = (np.radians(degrees) for degrees in (BACKREST_DEG, backrest_deg))
     _, y, z = np.subtract(_HIPS, _CREASE)
@@ -75,8 +75,10 @@ def _backrest(backrest_deg: float) -> _Pose:
 
 
 def _on_backrest(back: _Pose, along: float, above: float) -> FloatArray:
-    """Point (3,) above the backrest's middle line, in the bed's frame. ``along``: distance from its lower end;
-    ``above``: height above the surface."""
+    """Returns a point (3,) above the middle line of the backrest, in the bed's frame.
+
+    ``along`` is the distance from its lower end, ``above`` the height above the surface.
+    """
     return back[0] + transforms.rotate(back[1], [0.0, along, above])
 
 
@@ -96,7 +98,7 @@ def _add_bed_collision(body: mujoco.MjsBody, back: _Pose) -> None:
 
 
 def _board(y: float, top: float) -> tuple[list[float], list[float]]:
-    """Centre (3,) and half sizes (3,) of the board at one end of the bed."""
+    """Returns the centre (3,) and the half sizes (3,) of the board at one end of the bed."""
     half_height = 0.5 * (top - _BOARD_BOTTOM)
     return [0.0, y, _BOARD_BOTTOM + half_height], [_HALF_BOARD[0], _HALF_BOARD[1], half_height]
 
@@ -112,7 +114,7 @@ def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None
 
 
 def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
-    """A box with rounded corners and edges; z is its thickness."""
+    """Returns a box with rounded corners and edges; z is the direction of its thickness."""
     edge = 0.025
     turn = np.linspace(0.0, 0.5 * np.pi, 5)
     inset, height = edge * (1.0 - np.cos(turn)), half_z - edge + edge * np.sin(turn)
@@ -121,7 +123,7 @@ def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
 
 
 def _pillow() -> Mesh:
-    """A soft pillow, 0.60 × 0.38 m, 7 cm thick at its middle."""
+    """Returns a pillow of 0.60 × 0.38 m, 7 cm thick in the middle."""
     turns = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)[1:-1]
     rings = [(0.035 * np.sin(turn), np.cos(turn) ** 0.35) for turn in turns]
     return loft([Section(z, 0.30 * share, 0.19 * share, exponent=4.0) for z, share in rings])
@@ -139,7 +141,7 @@ def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
-    """A flat board with rounded corners; z is its thickness."""
+    """Returns a flat board with rounded corners; z is the direction of its thickness."""
     return loft([Section(z, half_x, half_y, exponent=8.0) for z in (-half_z, half_z)], segments=48)
 
 

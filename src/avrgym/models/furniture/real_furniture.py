@@ -21,8 +21,8 @@ ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
 class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A real seat and mattress. The defaults are the virtual wheelchair and bed.
 
-    Heights above the floor and seat depth in metres. ``*_back_deg`` are the backrest angles from the horizontal during
-    calibration. The seat depth is only recorded: people are placed by their head.
+    Heights above the floor and seat depth are in metres. ``*_back_deg`` are the backrest angles from the horizontal
+    during calibration. The seat depth is only recorded, because calibration uses the position of the head.
 
     Raises:
         ValueError: for a value out of range.
@@ -41,13 +41,13 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
     def height_offset_m(self, posture: Posture) -> float:
-        """Returns the height in metres of the real seat or mattress above the virtual one."""
+        """Returns the height of the real seat or mattress above the virtual one, in metres."""
         real_m = self.seat_height_m if posture.seated else self.mattress_height_m
         virtual_m = SEAT_HEIGHT_M if posture.seated else MATTRESS_TOP_M
         return real_m - virtual_m - posture.rise_m
 
     def head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
-        """Returns the height in metres of a resting head on real furniture above one on virtual furniture."""
+        """Returns the height difference of a resting head in metres: on real furniture minus on virtual furniture."""
         real, virtual = (sin(radians(deg)) for deg in (self.backrest_deg(posture), 90.0 + posture.hips_deg))
         return self.height_offset_m(posture) + torso_height_m * (real - virtual)
 
@@ -61,7 +61,7 @@ DEFAULT_FURNITURE = RealFurniture()
 
 
 def change_furniture(defaults: RealFurniture, **values: float | None) -> RealFurniture:
-    """Returns a copy of ``defaults`` with changed fields. ``values`` that are ``None`` change nothing.
+    """Returns a copy of ``defaults`` with changed fields. Fields with the value ``None`` do not change.
 
     Raises:
         ValueError: for a value out of range.

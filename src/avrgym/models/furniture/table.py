@@ -1,4 +1,4 @@
-"""A table with a bowl, in the world's frame: the person sits at the origin and faces −y."""
+"""A table with a bowl, in the world frame. The person sits at the origin and faces −y."""
 
 import mujoco
 import numpy as np
@@ -18,10 +18,11 @@ Offset = tuple[float, float, float]
 
 
 def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: Offset = (0.0, 0.0, 0.0)) -> None:
-    """Add a table in front of the person, on their left, with a bowl. Each episode changes the position of the bowl's
-    body.
+    """Add a table with a bowl, in front of the person and on their left.
 
-    ``offset_m`` moves table and bowl; the table's legs still end on the floor.
+    The position of the bowl's body differs between episodes.
+
+    ``offset_m`` moves table and bowl. The table's legs always end on the floor.
     """
     centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
     table = spec.worldbody.add_body(name=TABLE_BODY, pos=offset_m)

@@ -1,8 +1,8 @@
-"""The wheelchair, in the world's frame: the person sits at the origin and faces −y.
+"""The wheelchair, in the world frame. The person sits at the origin and faces −y.
 
-Sizes follow accessibility tables of adult manual wheelchairs: seat height 485 mm, armrests 760 mm, push handles 915 mm
-to the middle of the grip, seat 460 × 410 mm. The wheelchair is 658 mm wide (tables: 660 mm) and 1020 mm long (tables:
-1065 mm with longer footrests).
+Sizes are from accessibility tables of adult manual wheelchairs. Heights: seat 485 mm, armrests 760 mm, push handles
+915 mm (middle of the grip). Seat: 460 × 410 mm. The wheelchair is 658 mm wide (tables: 660 mm) and 1020 mm long
+(tables: 1065 mm, with longer footrests).
 """
 
 from collections.abc import Collection
@@ -39,8 +39,8 @@ def add_wheelchair(
 ) -> None:
     """Add the wheelchair. The hips of a seated person are on its cushion.
 
-    Armrests are removable: only the sides in ``armrests`` have one, or the other sides if ``mirrored``. ``rise_m`` is
-    the height of seat, armrests and footplates above their usual height.
+    ``armrests`` are the sides with an armrest; if ``mirrored``, the opposite sides have one. ``rise_m`` is the height
+    of seat, armrests and footplates above their default height.
     """
     if mirrored:
         armrests = [_OTHER_SIDE[side] for side in armrests]
@@ -147,14 +147,14 @@ def add_bracket(
     max_shoulder_height_m: float,
     mirrored: bool = False,
 ) -> None:
-    """Add a bracket for a robot's arm on the wheelchair's right side. Reserve the space of the robot's shoulder.
+    """Add a bracket for a robot's arm on the wheelchair's right side, and reserve the space of the robot's shoulder.
 
     Args:
         spec: a scene with a wheelchair.
         appearance: whether to add visual geoms.
         mount_m: position of the robot's base, world frame.
-                max_shoulder_height_m: maximum height of the robot's shoulder above the base; people's initial poses
-            avoid the space up to this height.
+        max_shoulder_height_m: maximum height of the robot's shoulder above the base. People's initial poses avoid the
+            space up to this height.
         mirrored: whether the bracket is on the left side instead.
     """
     x, y, z = mount_m

@@ -1,6 +1,7 @@
 """Anthropometry: lengths, radii and masses of a man and a woman, and their scaling.
 
-The 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure of Man and Woman*, 2002).
+The values are those of the 50th percentile man and woman in the 2020 reference (after Tilley, *The Measure of Man and
+Woman*, 2002).
 """
 
 from collections.abc import Mapping
@@ -25,7 +26,8 @@ class Proportions:
 
     Fields may be arrays (N,) for N people. ``*_offset_z`` is the height of a part above the part below it.
     ``*_offset_x`` is the lateral distance of a joint from the middle of the body. ``hips_below_origin`` is the distance
-    of the hip joints below the origin of the hips, ``mouth_forward`` that of the mouth in front of the head joint.
+    of the hip joints below the origin of the hips. ``mouth_forward`` is the distance of the mouth in front of the head
+    joint.
     """
 
     torso_height: float
@@ -98,7 +100,7 @@ PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
 def proportions_of(is_woman: BoolArray, like: Any = 0.0) -> Proportions:
-    """Returns the unscaled measures of N people, (N,) each. ``like`` determines their array library and device."""
+    """Returns the unscaled measures of N people, (N,) each. ``like`` is an array of the same library and device."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {
         each.name: where(is_woman, *[constant_like(getattr(sex, each.name), like) for sex in (WOMAN, MAN)])
@@ -124,10 +126,12 @@ GIRTH_EXPONENTS: Mapping[str, tuple[float, float]] = {
     "shin_radius": (0.415, 0.55),
     "foot_radius": (0.26, 0.605),
 }
-"""Exponents b and c of log girth = a + b log BMI + c log stature, by least squares over the 4 082 men and 1 986 women
-of ANSUR II, mean of both: circumferences of buttocks, waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf
-and ankle. ``shoulder_offset_x`` follows the forearm-forearm breadth, ``thigh_offset_x`` the hip breadth of sitting
-people."""
+"""Exponents b and c of the model log girth = a + b log BMI + c log stature, as means of men and women.
+
+They are least-squares fits to the 4 082 men and 1 986 women of ANSUR II. The girths are circumferences of buttocks,
+waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf and ankle. ``shoulder_offset_x`` uses the
+forearm-forearm breadth, ``thigh_offset_x`` the hip breadth of sitting people.
+"""
 
 
 def scale_girths(

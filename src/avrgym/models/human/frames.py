@@ -17,18 +17,20 @@ from avrgym.models.human.person import People, Person
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Rotation from device axes (x right, y up, −z forward) to body axes (x left, −y forward, z up).
 
-The rotation applies to headset and grip. For a fist around an upright rod, the grip's −z points to the thumb and its y
-from the knuckles to the wrist, like −y and z of the hand (WebXR Device API, ``gripSpace``).
+The rotation is the same for the headset and for the grip (WebXR Device API, ``gripSpace``). For a fist around an
+upright rod, −z of the grip points to the thumb, like −y of the hand. y of the grip points from the knuckles to the
+wrist, like z of the hand.
 """
 HEADSET_OFFSET_M = 0.08
-"""Distance of the headset's pose in front of the head's centre (2020 reference)."""
+"""Distance of the headset's origin in front of the head's centre (2020 reference)."""
 
 
 MOUTH_HEIGHT_M = 0.03
 """Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
 
 CRANIUM_RADIUS, JAW_RADIUS, JAW_HEIGHT_M, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
-"""Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
+"""Sizes of the head's collision spheres, in metres. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open
+mouth."""
 
 
 PARENTS: Mapping[str, str | None] = {
@@ -52,7 +54,7 @@ class Posture:
     """Posture of a person: rotations about x of the hips and of the legs, which are not actuated.
 
     ``hips_pos_w`` is the origin of the hips. ``None``: the person sits, and the origin depends on the sex.
-    ``rise_m`` is the height of the person above this origin, on a seat or bed of another height.
+    ``rise_m`` is the height of seat or bed above its default height; it is added to the origin.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -97,8 +99,9 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 class Layout:
     """Poses and sizes of the bodies, geoms and sites of N people, by name. They are computed on demand.
 
-    Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), arm lengths with ``arm_scale``.
-    ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference; the back does not move.
+    Positions (N, 3) are in metres. Lengths along the body are scaled by ``scale`` (N,), arm lengths by ``arm_scale``.
+    ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference. It moves the body away
+    from the backrest; the back does not move.
     """
 
     proportions: Proportions
@@ -141,10 +144,10 @@ def layout(
     arm_scale: FloatArray | float = 1.0,
     stature_and_bmi: tuple[FloatArray, FloatArray] | None = None,
 ) -> Layout:
-    """Returns the layout of N people. Lengths along the body scale with the torso height; radii do not.
+    """Returns the layout of N people. Lengths along the body are proportional to the torso height; radii are not.
 
-    Lengths of upper arms and forearms also scale with ``arm_scale`` (N,). ``stature_and_bmi`` are stature and body mass
-    index (N,), which determine radii and mass; see ``anthropometry.scale_girths``.
+    Lengths of upper arms and forearms are also proportional to ``arm_scale`` (N,). ``stature_and_bmi`` are stature and
+    body mass index (N,). They determine radii and mass; see ``anthropometry.scale_girths``.
     """
     reference = proportions_of(is_woman, torso_height_m)
     scale = torso_height_m / reference.torso_height
@@ -186,7 +189,7 @@ ARM = "upper_arm", "forearm"
 def _geoms(
     p: Proportions, h: FloatArray, arm_h: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Capsules along the axes of ``GEOMS``; sizes are radius, half length, 0."""
+    """Returns positions and sizes of the capsules of ``GEOMS``, by name. A size is radius, half length, 0."""
     zero = namespace(h).zeros_like(h)
     chest_z = p.chest_offset_z * h
     shoulder_z = chest_z + p.shoulder_offset_z * h - (p.shoulder_radius - 0.055)
@@ -307,7 +310,7 @@ def body_frames(
 
 
 def _carrying(bodies: Sequence[str]) -> list[str]:
-    """Bodies and their ancestors, parents first."""
+    """Returns bodies and their ancestors, parents first."""
     found: set[str] = set()
     for body in bodies:
         carrier: str | None = body
@@ -331,8 +334,8 @@ def bind_frames(
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Returns the body poses to which the skins are bound: positions (3,) and quaternions (4,) by body.
 
-    The person stands with the hips at the origin; the arms are half raised and half bent. The result is cached: do not
-    change it.
+    The person stands with the hips at the origin, and with half raised and half bent arms. The result is cached: do not
+    modify it.
     """
     person = Person(sex, torso_height_m, BIND_RAD, "fair", arm_scale, stature_m, bmi_kg_m2)
     pos, q = body_frames(People.of([person]), _STANDING)

@@ -12,10 +12,10 @@ X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge: body, axis in that body, range in degrees and torque limit (N m).
+    """A hinge joint: body, axis in the body's frame, range in degrees and torque limit (N m).
 
-    Ranges are those of the 2020 reference, with the wider shoulder abduction that the reference uses in VR. Torques are
-    rounded isometric maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
+    Ranges are those of the 2020 reference, with its wider range of shoulder abduction in VR. Torques are rounded
+    isometric maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
     """
 
     body: str
@@ -50,8 +50,8 @@ JOINTS: Mapping[str, Joint] = {
     **_arm("right"),
     **_arm("left"),
 }
-"""The 20 actuated joints (paper, section III), in the order of all joint-angle arrays. Hinges of one body are adjacent,
-outermost first."""
+"""The 20 actuated joints (paper, section III), in the order of all arrays of joint angles. Hinges of one body are
+adjacent; the first of them rotates about an axis that is fixed in the parent body."""
 
 JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
 LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])

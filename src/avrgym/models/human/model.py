@@ -36,7 +36,7 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
     """Add a person to a scene, with the hips fixed to the world.
 
     A moving person has 20 actuated joints with position servos of limited torque. Gravity is compensated (muscle tone).
-    A static person has no joints and stays in the given pose.
+    A static person has no joints, and the pose of ``person.joint_angles_rad``.
     """
     frames = layout_of_people(People.of([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
@@ -69,7 +69,7 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float
 
 
 SERVO_FREQUENCY_RAD_S = 40.0
-"""Bandwidth of the position servos. The lag behind the headset is about 2 / 40 s = 50 ms."""
+"""Natural frequency of the position servos. The delay behind the headset is about 2 / 40 s = 50 ms."""
 
 
 def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
@@ -93,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def use_speed_targets(spec: mujoco.MjSpec) -> None:
-    """Change the inputs of a moving person's servos from target angles to target speeds in rad/s."""
+    """Change the commands of a moving person's servos from target angles to target speeds in rad/s."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

@@ -76,7 +76,7 @@ class Person:
 
 
 def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
-    """Convert a mapping of plain field values, as in JSON, to a person. A ``Person`` is returned unchanged.
+    """Convert a mapping of field values, as in JSON, to a person. Returns a ``Person`` or ``None`` unchanged.
 
     Raises:
         ValueError: for an unknown field or a value out of range.
@@ -139,7 +139,7 @@ class People:
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
-        """Create people from single persons."""
+        """Returns the arrays of several ``Person`` records."""
         persons = list(persons)
         people = cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),

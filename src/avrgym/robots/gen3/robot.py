@@ -12,7 +12,8 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 BASE_POS_W, LEFT_BASE_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
-"""Positions of the base on the right and left side. The lower one lets the elbow unfold in front of a stretched arm."""
+"""Positions of the base on the person's right and left. The left one is lower: the elbow then has enough space in front
+of a stretched arm of the person."""
 MAX_SHOULDER_HEIGHT_M = 0.30
 """Maximum height of the shoulder above the arm's mount."""
 
@@ -36,7 +37,7 @@ GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.142), 0.0192
 
 
 def _fingers(opening_rad: float) -> dict[str, float]:
-    """Joint positions of both fingers, opened by the same angle, with parallel tips."""
+    """Returns the joint positions of both fingers, opened by the same angle, with parallel tips."""
     return {
         "right_finger": opening_rad, "right_fingertip": -opening_rad,
         "left_finger": -opening_rad, "left_fingertip": -opening_rad,

@@ -25,7 +25,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 
 def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
-    """Joint angles by name, from the angles of each finger and its tip (thumb first)."""
+    """Returns joint angles by name, for the angles of each finger and its tip (thumb first)."""
     return {
         f"finger_{part}{number}": bend
         for number, bends in enumerate(bends_rad, start=1)
@@ -58,7 +58,7 @@ GRIPS: Mapping[str, Grip] = {
         fingers=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
     ),
 }
-"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
+"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
 
 
 _ARM = Arm(

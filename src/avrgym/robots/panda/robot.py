@@ -36,7 +36,7 @@ SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0),
     "left": (51.0, -1.0, 31.0, -110.0, -47.0, 108.0, -127.0),
 }
-"""Seed poses by arm. Within the joint ranges, one pose does not lead to solutions for both arms."""
+"""Seed poses by arm. Because of the joint ranges, no single pose leads to solutions for both arms."""
 
 
 def _arm(side: Side) -> Arm:
@@ -50,7 +50,7 @@ GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.1034), 0.0089
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
-    """Joint positions of both fingers at this distance from the middle of the hand; at most 0.04 m."""
+    """Returns the joint positions of both fingers: their distance from the middle of the hand, at most 0.04 m."""
     return dict.fromkeys(FINGERS, opening_m)
 
 

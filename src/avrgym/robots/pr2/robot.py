@@ -14,19 +14,19 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
-"""Next to the person, facing their right side (reference)."""
+"""Position of the base next to the person. The robot faces the person's right side (reference)."""
 YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
 FIXED_POSE_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
 SEED_POSE_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
-"""Poses of the left arm; those of the right arm are mirrored."""
+"""Poses of the left arm; the poses of the right arm are mirrored."""
 MIRROR_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the robot with raised torso; the head looks down."""
+    """Returns the model of the robot with raised torso and tilted head."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
     spec.meshdir = str(MESHES)
     return spec
@@ -41,7 +41,8 @@ def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
 
 
 def _arm(side: Side) -> Arm:
-    """The speed limits are the Jaco's. The PR2's own, 119 to 206 °/s, are too fast next to a person."""
+    """Returns an arm. Its speed limits are those of the Jaco, because the PR2's limits (119 to 206 °/s) are too high
+    next to a person."""
     return Arm(
         joints=_joints(side),
         end_effector=f"{side[0]}_gripper_tool_frame",
@@ -55,7 +56,7 @@ def _arm(side: Side) -> Arm:
 
 
 def _parallel_fingers(opening_rad: float) -> dict[str, float]:
-    """Joint positions of both fingers, opened by the same angle, with parallel tips."""
+    """Returns the joint positions of both fingers, opened by the same angle, with parallel tips."""
     return {
         f"{side}_finger_{part}joint": sign * opening_rad
         for side, opened in (("l", 1.0), ("r", -1.0))
@@ -85,7 +86,7 @@ GRIPS: Mapping[str, Grip] = {
         fingers=_parallel_fingers(0.066),
     ),
 }
-"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
+"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
 
 
 PR2 = Robot(
@@ -96,7 +97,7 @@ PR2 = Robot(
     arms={side: _arm(side) for side in SIDES},
     mounts={
         "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), YAW_RANGE_RAD)),
-        # At a higher position the raised backrest blocks the arm.
+        # With a larger y, the raised backrest blocks the arm.
         "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), YAW_RANGE_RAD)),
     },
     grips=GRIPS,

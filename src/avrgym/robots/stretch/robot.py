@@ -23,7 +23,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 
 def _closed(angle_rad: float) -> dict[str, float]:
-    """Joint positions of both fingers, closed by the same angle."""
+    """Returns the joint positions of both fingers, closed by the same angle."""
     return {f"joint_gripper_finger_{side}": angle_rad for side in ("left", "right")}
 
 
@@ -36,7 +36,7 @@ GRIPS: Mapping[str, Grip] = {
         ("scratcher", (-0.031, 0.0, 0.0), 0.03),
     )
 }
-"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
+"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
 
 _ARM = Arm(
     joints=("joint_lift", "joint_arm", "joint_wrist_yaw", "joint_wrist_pitch", "joint_wrist_roll"),
@@ -64,7 +64,7 @@ acceleration of 1.6 m/s²) and the friction are assumptions."""
 
 
 def _mount(x_m: float, y_m: float, along_m: float) -> Mount:
-    """A mount next to the person: the arm extends towards the person, and the base drives along the person's side."""
+    """Returns a mount next to the person. The arm extends towards the person; the base moves along their side."""
     return Mount(
         (x_m, y_m, 0.0),
         0.5 * np.pi,

@@ -49,7 +49,7 @@ GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.13, 0.0, 0.0), 0.015
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
-    """Joint positions of both fingers for a distance from the middle of the hand."""
+    """Returns the joint positions of both fingers: their distance from the middle of the hand."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 
