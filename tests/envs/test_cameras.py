@@ -167,7 +167,7 @@ def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatc
         (["wrist:64x481"], "height_px of camera 'wrist' is 481; allowed: 64 to 480"),
         (["wrist:64x64:xyz"], "kinds of camera 'wrist' are .*; allowed: one or more of rgb, depth, segment"),
         (["wrist:64"], "the camera is 'wrist:64'; allowed: NAME, NAME:WIDTHxHEIGHT"),
-        ([{"name": "wrist", "fov": 3}], "unknown field `fov`; allowed: a name, .* or the fields name, width"),
+        ([{"name": "wrist", "fov": 3}], "unknown field `fov`; allowed: a text .* or the fields name, width"),
         ([{"name": "wrist", "fovy_deg": 1}], "fovy_deg of camera 'wrist' is 1.0; allowed: 5 to 150"),
         ([3], "camera 3: .*; allowed: a name"),
     ],
