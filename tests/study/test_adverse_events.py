@@ -189,7 +189,7 @@ def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data
 
 @pytest.mark.parametrize("data_format", sorted(set(FORMATS) - set(FORMATS_WITH_RECORDS)))
 def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
-    with pytest.raises(StudyError, match="cannot contain free text and data on health; allowed: csv, bids"):
+    with pytest.raises(StudyError, match="cannot contain free text and health data; allowed: csv, bids"):
         export_study(store, data_format, tmp_path / "out", extras=ExportOptions(free_text=True))
 
 

@@ -86,7 +86,7 @@ def test_damaged_recording_prevents_an_export(folder: Path, data_format: str, da
     result = export(folder, data_format)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
-    assert f"{RECORDING} {words}; --skip-damaged omits" in line
+    assert f"{RECORDING} {words}; use --skip-damaged to omit" in line
     assert sorted(folder.parent.iterdir()) == before
 
 

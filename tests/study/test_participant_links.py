@@ -217,7 +217,7 @@ def test_new_link_ends_the_earlier_one(served: Served) -> None:
         assert closing(connected) == 4410
     assert refused(served, link) == (4410, "en")
     assert identifier(served, served.link) == f"{pseudonym} ses-01"
-    with pytest.raises(StudyError, match="no session of sub-999 runs here"):
+    with pytest.raises(StudyError, match="no session of sub-999 is running"):
         served.sessions.renew_link("sub-999")
 
 

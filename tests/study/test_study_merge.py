@@ -395,7 +395,7 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     missing.unlink()
     with pytest.raises(StudyError, match="sub-002/ses-01/trial-01") as refused:
         merge_studies(sites, out)
-    assert "trial-02_attempt-1.mcap is missing; --skip-damaged omits" in str(refused.value)
+    assert "trial-02_attempt-1.mcap is missing; use --skip-damaged to omit" in str(refused.value)
     assert not out.exists()
     told: list[str] = []
     merge_studies(sites, out, skip_damaged=True, report=told.append)

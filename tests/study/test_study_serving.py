@@ -136,7 +136,7 @@ def test_sessions_use_the_latest_furniture(store: Store, loop: Loop) -> None:
 def test_withdrawal_is_stored_after_the_session(store: Store, loop: Loop) -> None:
     pseudonym = enrol_with_consent(store)
     loop.ask(loop.sessions.begin, pseudonym)
-    with pytest.raises(StudyError, match="no session of sub-002 runs here"):
+    with pytest.raises(StudyError, match="no session of sub-002 is running"):
         loop.ask(loop.sessions.withdraw, "sub-002", "")
     loop.ask(loop.sessions.withdraw, pseudonym, "felt sick")
     assert store.participant(pseudonym).state == "withdrawn"
@@ -286,7 +286,7 @@ def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch
     assert made_by != [threading.current_thread()]
     assert len(made_by) == 1
     assert loop.sessions.links.link not in (None, before)
-    with pytest.raises(StudyError, match="no session of sub-002 runs here"):
+    with pytest.raises(StudyError, match="no session of sub-002 is running"):
         loop.ask(loop.sessions.renew_link, "sub-002")
 
 

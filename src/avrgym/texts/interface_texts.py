@@ -196,7 +196,7 @@ def _read_own(path: Path) -> TextsFile:
     try:
         return _read(read_user_text(path), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise TextsError(f"{path} cannot be read: {error}") from None
+        raise TextsError(f"{path} cannot be read: {error}; allowed: a text file in UTF-8") from None
 
 
 def _read(text: str, name: str) -> TextsFile:

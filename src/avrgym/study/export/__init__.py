@@ -69,7 +69,7 @@ def export_study(
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
     if extras != DEFAULT_EXPORT_OPTIONS and data_format not in FORMATS_WITH_RECORDS:
         raise StudyError(
-            f"{data_format} cannot contain free text and data on health; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
+            f"{data_format} cannot contain free text and health data; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
         )
     if cameras and data_format not in FORMATS_WITH_IMAGES:
         raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(FORMATS_WITH_IMAGES)}")
@@ -91,7 +91,7 @@ def export_study(
 
 def _refusal(left_out: Sequence[OmittedAttempt]) -> str:
     faults = "; ".join(each.reason for each in left_out)
-    return f"nothing was exported: {faults}; --skip-damaged omits damaged and missing recordings"
+    return f"nothing was exported: {faults}; use --skip-damaged to omit damaged and missing recordings"
 
 
 def _write(

@@ -57,13 +57,16 @@ def table_columns(table: str, design: Design) -> Mapping[str, Column]:
         return TABLES[table]
     terms = {
         f"term_{term}": Column(
-            f"Reward term {term}, not weighted.", NUMBER, _unit(term), empty="the task has no such term"
+            f"Reward term {term}, not weighted.",
+            NUMBER,
+            _unit(term),
+            empty="the task does not have this term",
         )
         for term in reward_terms(design)
     }
     actions = {
         f"action_{joint + 1}": Column(
-            f"Action of arm joint {joint + 1}: its speed as a share of its limit.", NUMBER, "1", "−1 to 1"
+            f"Action of arm joint {joint + 1}: joint speed divided by its limit.", NUMBER, "1", "−1 to 1"
         )
         for joint in range(action_size(design))
     }

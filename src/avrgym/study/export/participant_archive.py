@@ -47,11 +47,11 @@ FILE_CONTENTS: Mapping[str, str] = {
     "answers.csv": "Each answer to a question.",
     "items.csv": "The text of each question.",
     "scores.csv": "Scores of questionnaires, from the answers.",
-    "scales.csv": "How these scores are computed, and where that was published.",
+    "scales.csv": "Computation of these scores, with its publication.",
     "events.csv": "Events of the sessions with their times.",
     "notes.csv": "The experimenters' notes about the person.",
     "adverse_events.csv": "Adverse events with every report.",
-    "log.csv": "Who viewed or changed these data, and when; experimenters have numbers.",
+    "log.csv": "Views and changes of these data with time and person. Numbers replace the names of experimenters.",
     "recordings/": "Movements of head and hands, robot, forces and answers, in MCAP (https://mcap.dev). Foxglove and "
     "the libraries of MCAP open these files.",
     "codebook.csv": "The description of each column, with unit and allowed values.",

@@ -19,8 +19,8 @@ from avrgym.tasks.registry import TASKS
 _FROM_0, _FROM_1 = "0 and above", "1 and above"
 _SESSION_ANSWER = "the answer is about a whole session"
 _NO_TRIAL = "outside trials"
-_NO_SESSION = "it concerns no session"
-_WHOLE_STUDY = "it is about the whole study"
+_NO_SESSION = "not about a session"
+_WHOLE_STUDY = "about the whole study"
 _NO_METRICS = "the attempt did not end with metrics"
 _NO_RESULTS = "no results were viewed"
 
@@ -76,7 +76,7 @@ def _attempt(empty: str = "") -> Column:
 Pseudonym = Annotated[str, _participant()]
 Site = Annotated[
     str | None,
-    Column("Site of the participation.", allowed="letters, digits, - and _", empty="no site was given"),
+    Column("Name of the participant's site.", allowed="letters, digits, - and _", empty="no site was given"),
 ]
 IsSimulated = Annotated[bool, _simulated()]
 Session = Annotated[int, _session()]
@@ -87,19 +87,17 @@ RobotName = Annotated[str, _robot()]
 PolicyName = Annotated[str, _policy()]
 AttemptNumber = Annotated[int, _attempt()]
 Reward = Annotated[float | None, Column("Sum of the rewards of all control steps.", empty=_NO_METRICS)]
-Moment = Annotated[str, Column("Time of the questions.", allowed=_one_of(*MOMENTS))]
+Moment = Annotated[str, Column("Moment of the questionnaire.", allowed=_one_of(*MOMENTS))]
 Respondent = Annotated[
     str,
     Column(
-        "Who answered: the participant, a proxy for the participant, or a caregiver for themselves. A score with an "
-        "answer of a proxy is that of a proxy.",
+        "Person who answered: the participant, a proxy for the participant, or a caregiver. For a score: proxy if a "
+        "proxy gave at least one of its answers.",
         allowed=_one_of(*RESPONDENTS),
     ),
 ]
 QuestionnaireName = Annotated[str, Column("Name of the questionnaire.")]
-InstrumentName = Annotated[
-    str, Column("The validated questionnaire that it uses.", allowed=_one_of(*INSTRUMENTS))
-]
+InstrumentName = Annotated[str, Column("Name of the validated questionnaire.", allowed=_one_of(*INSTRUMENTS))]
 LowestScore = Annotated[float, Column("Lowest possible score.")]
 HighestScore = Annotated[float, Column("Highest possible score.")]
 
@@ -127,7 +125,7 @@ class ParticipantRow:
         ),
     ]
     cell: Annotated[
-        int | None, Column("Number of the order of trials.", allowed=_FROM_0, empty="no order yet")
+        int | None, Column("Index of the participant's trial order.", allowed=_FROM_0, empty="not allocated")
     ]
     consent_version: Annotated[
         str | None, Column("Version of the consent text that the participant accepted.", empty="no consent")
@@ -146,25 +144,30 @@ class ConsentRow:
     role: Annotated[
         str,
         Column(
-            "Role of the decision: the participant; a representative (proxy); or the participant who assents to the "
-            "consent of a representative.",
+            "Role of the decision: consent of the participant, consent of a representative (proxy), or assent of the "
+            "participant to a representative's consent.",
             allowed=_one_of(*CONSENT_ROLES),
         ),
     ]
     agreed: Annotated[bool, Column("Whether the person agreed.")]
     version: Annotated[
-        str | None, Column("Version of the consent text.", empty="not stored by the version of AVR Gym")
+        str | None,
+        Column("Version of the consent text.", empty="an earlier version of AVR Gym did not store it"),
     ]
     language: Annotated[
         str | None,
-        Column("Language of the consent text.", allowed="a language tag", empty="the design's first"),
+        Column(
+            "Language of the consent text.", allowed="a language tag", empty="the design's first language"
+        ),
     ]
     decided_at: Annotated[str, _utc("Time of the decision.")]
     sha256: Annotated[
         str | None,
         Column("Checksum of the consent text.", allowed="64 hexadecimal digits", empty="not stored"),
     ]
-    text: Annotated[str | None, Column("File of the consent text in the export.", empty="text not archived")]
+    text: Annotated[
+        str | None, Column("File of the consent text in the export.", empty="the text is not stored")
+    ]
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ class TrialRow:
         str, Column("The Gymnasium environment of task and robot.", allowed="see avrgym envs")
     ]
     policy: PolicyName
-    seed: Annotated[int, Column("Seed of the trial's start and of exploration noise.", allowed=_FROM_0)]
+    seed: Annotated[int, Column("Seed of the initial state and of exploration noise.", allowed=_FROM_0)]
     state: Annotated[str, Column("State of the trial.", allowed=_one_of(*TRIAL))]
     attempts: Annotated[int, Column("Number of attempts.", allowed=_FROM_0)]
     recording: Annotated[
@@ -211,7 +214,7 @@ class AttemptRow(AttemptIdentifiers):
 
     state: Annotated[str, Column("State of the attempt.", allowed=_one_of(*ATTEMPT))]
     started_at: Annotated[str, _utc("Start of the attempt.")]
-    ended_at: Annotated[str | None, _utc("End of the attempt.", "it runs")]
+    ended_at: Annotated[str | None, _utc("End of the attempt.", "the attempt is running")]
     steps: Annotated[
         int | None, Column("Number of control steps of 0.1 s.", allowed=_FROM_0, empty=_NO_METRICS)
     ]
@@ -222,12 +225,12 @@ class AttemptRow(AttemptIdentifiers):
     ]
     torso_height_m: Annotated[
         float | None,
-        Column("Torso height of the body model.", unit="m", empty="not completed, or left out"),
+        Column("Torso height of the body model.", unit="m", empty="not completed, or recording omitted"),
     ]
     input_method: Annotated[
         str | None,
         Column(
-            "How the participant selected: the method of the input profile.",
+            "Input method in the participant's input profile.",
             allowed=_one_of(*INPUT_METHODS),
             empty="recorded by AVR Gym 0.2",
         ),
@@ -235,7 +238,9 @@ class AttemptRow(AttemptIdentifiers):
     recording: Annotated[str, Column("File of the recording in the study's folder.")]
     sha256: Annotated[
         str | None,
-        Column("Checksum of the closed recording.", allowed="64 hexadecimal digits", empty="not closed"),
+        Column(
+            "Checksum of the closed recording.", allowed="64 hexadecimal digits", empty="recording not closed"
+        ),
     ]
 
 
@@ -243,7 +248,7 @@ class AttemptRow(AttemptIdentifiers):
 class OmittedAttemptRow(AttemptIdentifiers):
     """One attempt whose recording was not exported."""
 
-    reason: Annotated[str, Column("Why the recording was left out.")]
+    reason: Annotated[str, Column("Reason why the recording was omitted.")]
 
 
 @dataclass(frozen=True)
@@ -289,7 +294,7 @@ class AnswerRow(AnswerIdentifiers):
 
     item: Annotated[
         str,
-        Column("The item. A changed item is another version; items has the texts.", allowed="see items"),
+        Column("Name of the item version. The table items contains the texts.", allowed="see items"),
     ]
     value: Annotated[int, Column("The answer on the item's own scale.", allowed="minimum to maximum")]
     minimum: Annotated[int, Column("Lowest value of the scale of this version.")]
@@ -298,8 +303,8 @@ class AnswerRow(AnswerIdentifiers):
     response_time_s: Annotated[
         float,
         Column(
-            "Time from the appearance of the item to the answer. Time in which the participant could not see or answer "
-            "it is left out: menus over VR, a removed headset, a page in the background, lost tracking or connection.",
+            "Time from the appearance of the item to the answer. Time without a visible, active item "
+            "is not counted: menus over VR, a removed headset, a page in the background, lost tracking or connection.",
             unit="s",
             allowed=_FROM_0,
         ),
@@ -312,7 +317,7 @@ class ItemRow:
     """One item of a questionnaire."""
 
     questionnaire: QuestionnaireName
-    when: Annotated[str, Column("One or several times of the questions.", allowed=_one_of(*MOMENTS))]
+    when: Annotated[str, Column("Moments of the questionnaire.", allowed=_one_of(*MOMENTS))]
     order: Annotated[str, Column("Order of the items.", allowed=_one_of(*ITEM_ORDERS))]
     item: Annotated[str, Column("Name of the item.")]
     text: Annotated[str, Column("Text of the item.")]
@@ -328,7 +333,9 @@ class ScoreRow(AnswerIdentifiers):
     """One score of one scale of a validated questionnaire."""
 
     instrument: InstrumentName
-    scale: Annotated[str, Column("Name of the score; scales has its computation.", allowed="see scales")]
+    scale: Annotated[
+        str, Column("Name of the scale. The table scales describes its computation.", allowed="see scales")
+    ]
     score: Annotated[
         float | None,
         Column("The score.", allowed="minimum to maximum", empty="required answers or weights are missing"),
@@ -346,15 +353,25 @@ class ScaleRow:
     questionnaire: QuestionnaireName
     instrument: InstrumentName
     title: Annotated[str, Column("Title of the validated questionnaire.")]
-    scale: Annotated[str, Column("Name of the score.")]
-    function: Annotated[str, Column("Function of the item values.", allowed="mean, sum, weighted mean")]
-    factor: Annotated[float, Column("Factor of the result.")]
+    scale: Annotated[str, Column("Name of the scale.")]
+    function: Annotated[
+        str, Column("Function that combines the item values.", allowed="mean, sum, weighted mean")
+    ]
+    factor: Annotated[float, Column("Factor that multiplies the result of the function.")]
     reversed: Annotated[str, Column("Reversed items: minimum + maximum − value.", empty="none")]
     offset: Annotated[int, Column("Added to each item value after reversal.", unit="1")]
-    items: Annotated[str, Column("Items; one that is listed twice counts twice.", allowed="see items")]
+    items: Annotated[
+        str, Column("Items of the scale. An item that is listed twice counts twice.", allowed="see items")
+    ]
     minimum: LowestScore
     maximum: HighestScore
-    missing: Annotated[str, Column("Effect of a missing answer.", allowed="no score, centre")]
+    missing: Annotated[
+        str,
+        Column(
+            "Rule for a missing answer: no score, or the centre of the response scale.",
+            allowed="no score, centre",
+        ),
+    ]
     source: Annotated[str, Column("Publication of questionnaire and scoring.")]
     licence: Annotated[str, Column("Licence of the texts.")]
 
@@ -366,9 +383,9 @@ class LogRow:
     entry: Annotated[int, Column("Number of the entry; those of a merged site begin at a multiple of 10^9.")]
     site: Site
     at: Annotated[str, _utc("Time of the action.")]
-    person: Annotated[str, Column("Person, by number; with --free-text, by the name of a token or account.")]
+    person: Annotated[str, Column("Number of the person; with --free-text, name of the token or account.")]
     known_by: Annotated[
-        str, Column("How the person is identified.", allowed=_one_of(*IDENTIFICATION_METHODS))
+        str, Column("Method that identified the person.", allowed=_one_of(*IDENTIFICATION_METHODS))
     ]
     name: Annotated[str, Column("The action.", allowed="see Log in docs/how_to/run_sessions.md")]
     participant: Annotated[
@@ -376,7 +393,8 @@ class LogRow:
         Column("Pseudonym of the affected participant.", empty="the action concerns no participant"),
     ]
     detail: Annotated[
-        str | None, Column("Further information; refused: the action changed nothing.", empty="nothing")
+        str | None,
+        Column("Further information; refused: the action changed nothing.", empty="no further information"),
     ]
     completed: Annotated[
         int | None,
@@ -387,7 +405,10 @@ class LogRow:
         ),
     ]
     planned: Annotated[
-        int | None, Column("Planned number of participants then.", allowed=_FROM_1, empty=_NO_RESULTS)
+        int | None,
+        Column(
+            "Planned number of participants when results were viewed.", allowed=_FROM_1, empty=_NO_RESULTS
+        ),
     ]
 
 
@@ -403,7 +424,8 @@ class EventRow:
     at: Annotated[str, _utc("Time of storage.")]
     name: Annotated[str, Column("Name of the event.")]
     detail: Annotated[
-        str | None, Column("Further information.", empty="nothing, or free text without --free-text")
+        str | None,
+        Column("Further information.", empty="no further information, or free text without --free-text"),
     ]
 
 
@@ -418,7 +440,7 @@ class AdverseEventRow:
     report: Annotated[int, Column("Number of the report of this event; the last is valid.", allowed=_FROM_1)]
     recorded_at: Annotated[str, _utc("Time of the report.")]
     recorded_by: Annotated[
-        str | None, Column("Author of the report.", empty="nobody was named, or without --free-text")
+        str | None, Column("Author of the report.", empty="no author is stored, or without --free-text")
     ]
     began_at: Annotated[str, _utc("Start of the event.")]
     position: Annotated[int | None, _position(_NO_TRIAL)]
@@ -434,7 +456,7 @@ class AdverseEventRow:
     relatedness: Annotated[
         str, Column("Attribution to the study, as NCI's CTEP grades it.", allowed=_one_of(*RELATEDNESS))
     ]
-    action: Annotated[str | None, Column("Action taken.", empty="nothing, or without --free-text")]
+    action: Annotated[str | None, Column("Action taken.", empty="no action, or without --free-text")]
     outcome: Annotated[str, Column("Outcome of ICH E2B(R3).", allowed=_one_of(*OUTCOMES))]
 
 
@@ -447,8 +469,8 @@ class FunctioningCountRow:
     people: Annotated[
         str,
         Column(
-            "Number of analysed people who gave this answer.",
-            allowed="a number from 5 on, 0, or suppressed where a group of fewer than 5 could be identified",
+            "Number of analysed participants with this answer.",
+            allowed="0, a number from 5, or suppressed if a group of fewer than 5 could be identified",
         ),
     ]
 
@@ -471,7 +493,7 @@ class FunctioningRow:
     communicating: Annotated[str, _difficulty("communicating")]
     devices: Annotated[
         str | None,
-        Column("Classes of assistive products by their numbers in ISO 9999.", empty="nothing named"),
+        Column("Classes of assistive products by their numbers in ISO 9999.", empty="no device named"),
     ]
     diagnosis: Annotated[
         str | None, Column("The diagnosis in the person's words.", empty="not given, or without --free-text")

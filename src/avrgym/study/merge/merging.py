@@ -232,7 +232,7 @@ def _report_omissions(
     faults = [f"{site.source.name}: {fault}" for site in sites for fault in site.faults.values()]
     if faults and not skip_damaged:
         raise StudyError(
-            f"nothing was merged: {'; '.join(faults)}; --skip-damaged omits damaged and missing recordings"
+            f"nothing was merged: {'; '.join(faults)}; use --skip-damaged to omit damaged and missing recordings"
         )
     for words in [*(each for site in sites for each in site.differing), *faults]:
         report(words)

@@ -142,7 +142,7 @@ class StudySessions:
         """
         visit = self._visit
         if visit is None or visit.pseudonym != pseudonym:
-            raise StudyError(f"no session of {pseudonym} runs here")
+            raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         link = make_link(
             self._store, visit.stored.id
         )  # in this thread: the loop never waits for the database
@@ -237,7 +237,7 @@ class StudySessions:
 
     def _renew_link(self, visit: StudyVisit, link: str) -> None:
         if self._visit is not visit or self.links.link is None:
-            raise StudyError(f"no session of {visit.pseudonym} runs here")
+            raise StudyError(f"no session of {visit.pseudonym} is running at this station; start one first")
         self.links.begin(link, visit.language_message)
         self._forget_participant()
 
@@ -305,7 +305,7 @@ class StudySessions:
 
     def _withdraw(self, pseudonym: str, reason: str, now_s: float) -> Future[None]:
         if self._visit is None or self.participant != pseudonym:
-            raise StudyError(f"no session of {pseudonym} runs here")
+            raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         stored = self._visit.withdraw(self._session, now_s, reason)
         self.caregiver_links.end()
         self._questions = None
@@ -315,7 +315,7 @@ class StudySessions:
 
     def _change_input(self, pseudonym: str, profile: InputProfile, now_s: float) -> Future[None]:
         if self._visit is None or self.participant != pseudonym:
-            raise StudyError(f"no session of {pseudonym} runs here")
+            raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         stored = self._visit.change_input(profile, self._session, now_s)
         self._send(self._visit.input.message())
         return stored
@@ -335,7 +335,12 @@ class StudySessions:
             self._visit = None
         else:
             self._retry_at_s = now_s + RETRY_S
-            self._send(Problem(f"the end of the session cannot be stored: {error}", "experimenter"))
+            self._send(
+                Problem(
+                    f"the end of the session cannot be stored: {error}; the server tries again every {RETRY_S:g} s",
+                    "experimenter",
+                )
+            )
 
     def _end_again(self, due_s: float, now_s: float) -> None:
         if now_s >= due_s:

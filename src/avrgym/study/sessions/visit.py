@@ -117,7 +117,9 @@ class StudyVisit:
     def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
         """Returns the plan of the remaining trials, see ``plan_session``. Raises ``StudyError`` if no trial remains."""
         if not has_remaining(self.store, self.pseudonym):
-            raise StudyError(f"{self.pseudonym} has completed every trial")
+            raise StudyError(
+                f"{self.pseudonym} has completed all trials; allowed: participants with remaining trials"
+            )
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
     def session(

@@ -282,7 +282,7 @@ def _change(
     _check(items, answer)
     earlier = next((each for each in given if each.item == answer.item), None)
     if earlier is None:
-        raise StudyError(f"{answer.item} is not answered yet; allowed: items with an answer")
+        raise StudyError(f"{answer.item} has no answer; only an existing answer can be changed")
     changed: dict[str, Any] = {
         "value": answer.value,
         "response_time_s": answer.response_time_s,

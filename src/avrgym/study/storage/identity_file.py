@@ -55,7 +55,7 @@ def read_encrypted(path: Path) -> IdentityFile:
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path} is not an identity file: {error}") from None
+        raise StudyError(f"{path} is not an identity file: {error}; restore a backup") from None
     if file.format != FORMAT:
         raise StudyError(f"{path} has format {file.format!r}; allowed: {FORMAT!r}")
     return file
@@ -253,7 +253,7 @@ def _read_plain(path: Path) -> dict[str, Identity]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Identity])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path} is not an identity file: {error}") from None
+        raise StudyError(f"{path} is not an identity file: {error}; restore a backup") from None
 
 
 def _encoded_plain(entries: Mapping[str, Identity]) -> bytes:

@@ -89,7 +89,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
         return _from_passphrase(passphrase, source.salt, source.cost)
     except ValueError as error:
         raise StudyError(
-            f"the key source in the identity file is damaged: {error}. Nothing was changed"
+            f"the key source in the identity file is damaged: {error}; restore a backup. Nothing was changed"
         ) from None
 
 

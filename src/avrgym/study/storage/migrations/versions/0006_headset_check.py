@@ -5,4 +5,4 @@ down_revision = None
 
 
 def upgrade() -> None:
-    raise NotImplementedError("databases from before 0.2.0 cannot be upgraded")
+    raise NotImplementedError("databases of AVR Gym versions before 0.2.0 cannot be upgraded")
