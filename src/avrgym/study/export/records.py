@@ -57,7 +57,7 @@ def record_tables(store: Store, extras: ExportOptions) -> dict[str, Rows]:
 
 
 def event_rows(store: Store, people: Iterable[Participant], extras: ExportOptions) -> Iterator[EventRow]:
-    """Yields the events of these participants and of the whole study, in the order in which they were stored."""
+    """Yields the events of these participants and of the whole study, in the order of storage."""
     known = {person.number: person for person in people}
     sessions, attempts = _session_numbers(store, known.values()), _attempts(store, known.values())
     participants = _session_participants(store)

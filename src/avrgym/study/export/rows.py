@@ -104,7 +104,7 @@ HighestScore = Annotated[float, Column("Highest possible score.")]
 
 @dataclass(frozen=True)
 class ParticipantRow:
-    """One participant."""
+    """Row of ``participants``: one participant."""
 
     participant: Pseudonym
     site: Site
@@ -135,7 +135,7 @@ class ParticipantRow:
 
 @dataclass(frozen=True)
 class ConsentRow:
-    """One decision of a participant about a consent text."""
+    """Row of ``consents``: one decision of a participant about a consent text."""
 
     participant: Pseudonym
     site: Site
@@ -172,7 +172,7 @@ class ConsentRow:
 
 @dataclass(frozen=True)
 class TrialRow:
-    """One planned trial."""
+    """Row of ``trials``: one planned trial."""
 
     participant: Pseudonym
     site: Site
@@ -210,7 +210,7 @@ class AttemptIdentifiers:
 
 @dataclass(frozen=True)
 class AttemptRow(AttemptIdentifiers):
-    """One attempt at a trial."""
+    """Row of ``attempts``: one attempt at a trial."""
 
     state: Annotated[str, Column("State of the attempt.", allowed=_one_of(*ATTEMPT))]
     started_at: Annotated[str, _utc("Start of the attempt.")]
@@ -246,14 +246,14 @@ class AttemptRow(AttemptIdentifiers):
 
 @dataclass(frozen=True)
 class OmittedAttemptRow(AttemptIdentifiers):
-    """One attempt whose recording was not exported."""
+    """Row of ``left_out``: one attempt whose recording was not exported."""
 
     reason: Annotated[str, Column("Reason why the recording was omitted.")]
 
 
 @dataclass(frozen=True)
 class ControlStepRow(AttemptIdentifiers):
-    """One control step. The export adds columns for reward terms and action components."""
+    """Row of ``control_steps``: one control step. The export adds columns for reward terms and actions."""
 
     step: Annotated[int, Column("Number of the control step in the trial.", allowed=_FROM_1)]
     time_s: Annotated[
@@ -290,7 +290,7 @@ class AnswerIdentifiers:
 
 @dataclass(frozen=True)
 class AnswerRow(AnswerIdentifiers):
-    """One answer to an item."""
+    """Row of ``answers``: one answer to an item."""
 
     item: Annotated[
         str,
@@ -314,7 +314,7 @@ class AnswerRow(AnswerIdentifiers):
 
 @dataclass(frozen=True)
 class ItemRow:
-    """One item of a questionnaire."""
+    """Row of ``items``: one item of a questionnaire."""
 
     questionnaire: QuestionnaireName
     when: Annotated[str, Column("Moments of the questionnaire.", allowed=_one_of(*MOMENTS))]
@@ -330,7 +330,7 @@ class ItemRow:
 
 @dataclass(frozen=True)
 class ScoreRow(AnswerIdentifiers):
-    """One score of one scale of a validated questionnaire."""
+    """Row of ``scores``: one score of a scale of a validated questionnaire."""
 
     instrument: InstrumentName
     scale: Annotated[
@@ -348,7 +348,7 @@ class ScoreRow(AnswerIdentifiers):
 
 @dataclass(frozen=True)
 class ScaleRow:
-    """One scale of a validated questionnaire, and its computation."""
+    """Row of ``scales``: one scale of a validated questionnaire, and its computation."""
 
     questionnaire: QuestionnaireName
     instrument: InstrumentName
@@ -378,7 +378,7 @@ class ScaleRow:
 
 @dataclass(frozen=True)
 class LogRow:
-    """One entry of the audit log."""
+    """Row of ``log``: one entry of the audit log."""
 
     entry: Annotated[int, Column("Number of the entry; those of a merged site begin at a multiple of 10^9.")]
     site: Site
@@ -414,7 +414,7 @@ class LogRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event of the study."""
+    """Row of ``events``: one event of the study."""
 
     participant: Annotated[str | None, _participant(_WHOLE_STUDY)]
     session: Annotated[int | None, _session(_NO_SESSION)]
@@ -431,7 +431,7 @@ class EventRow:
 
 @dataclass(frozen=True)
 class AdverseEventRow:
-    """One report of an adverse event."""
+    """Row of ``adverse_events``: one report of an adverse event."""
 
     participant: Pseudonym
     site: Site
@@ -462,7 +462,7 @@ class AdverseEventRow:
 
 @dataclass(frozen=True)
 class FunctioningCountRow:
-    """Number of participants with the same answer to a question about functioning."""
+    """Row of ``functioning``: number of participants with the same answer about functioning."""
 
     question: Annotated[str, Column("The domain of the Washington Group Short Set, or devices.")]
     answer: Annotated[str, Column("A level of difficulty, or a class of ISO 9999.")]
@@ -481,7 +481,7 @@ def _difficulty(domain: str) -> Column:
 
 @dataclass(frozen=True)
 class FunctioningRow:
-    """Answers of one participant about functioning."""
+    """Row of ``functioning_by_person``: answers of one participant about functioning."""
 
     participant: Pseudonym
     site: Site
@@ -502,7 +502,7 @@ class FunctioningRow:
 
 @dataclass(frozen=True)
 class NoteRow:
-    """One note of an experimenter about a participant."""
+    """Row of ``notes``: one note of an experimenter about a participant."""
 
     participant: Pseudonym
     site: Site

@@ -166,7 +166,7 @@ class StudySessions:
         self._welcome(send, role, now_s)
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Handle a message of a client."""
+        """Pass a client's message to the current questions or to the VR session."""
         if self._questions is not None:
             self._questions.receive(message)
         elif self._session is not None:

@@ -235,7 +235,7 @@ def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: Tri
 
 
 def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
-    """Store that the experimenter skipped these items of an attempt."""
+    """Store that the experimenter skipped items of an attempt. ``items``: ids of the items."""
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
         record_event(

@@ -50,7 +50,7 @@ class Head:
 
 
 def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
-    """Insert a row within a transaction. Returns its primary key."""
+    """Insert a row with these column values within a transaction. Returns its primary key."""
     inserted = connection.execute(sa.insert(table).values(values)).inserted_primary_key
     assert inserted is not None
     _wrote(connection, table, inserted[0])
@@ -58,13 +58,13 @@ def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
 
 
 def update(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
-    """Update a row within a transaction."""
+    """Set columns of a row within a transaction. ``key``: primary key of the row."""
     connection.execute(sa.update(table).where(primary_key(table) == key).values(values))
     _wrote(connection, table, key)
 
 
 def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnElement[bool]) -> None:
-    """Delete rows within a transaction."""
+    """Delete the rows that satisfy all conditions, within a transaction."""
     for key in connection.execute(sa.select(primary_key(table)).where(*conditions)).scalars().all():
         _wrote(connection, table, key)
     connection.execute(sa.delete(table).where(*conditions))

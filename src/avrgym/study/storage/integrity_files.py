@@ -54,7 +54,7 @@ class IntegrityFiles:
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
-        """Store the checksum of the database."""
+        """Write the checksum file. ``checksum``: SHA-256 of the database (hexadecimal)."""
         data = f"{checksum}  {self._database}\n".encode()
         write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
 
@@ -80,7 +80,7 @@ class IntegrityFiles:
 
     @property
     def mismatch(self) -> bool:
-        """Whether a writer detected that another program had changed the database."""
+        """Whether a writer found a database that another program had changed."""
         return (self._folder / MISMATCH).exists()
 
     def note(self, head: Head) -> None:
@@ -113,12 +113,12 @@ class IntegrityFiles:
         return [Head(int(match[1]), match[2]) for match in found if match]
 
     def set_heads(self, heads: Iterable[Head]) -> None:
-        """Replace all stored heads."""
+        """Replace all heads in ``study.head``."""
         data = b"".join(map(_line, heads))
         write_atomically(self._folder / HEAD, data, mode=PRIVATE_FILE)
 
     def remove(self) -> None:
-        """Remove all integrity files of a lost database."""
+        """Delete all integrity files, for the rebuild of a lost database."""
         for name in (HEAD, CHECKSUM, MISMATCH):
             (self._folder / name).unlink(missing_ok=True)
 

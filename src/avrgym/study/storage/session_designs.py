@@ -98,7 +98,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """Adds a questionnaire with the recorded items that no questionnaire after trials contains."""
+    """Returns the questionnaires, and one for recorded items that no questionnaire after trials contains."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires

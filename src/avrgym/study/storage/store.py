@@ -129,7 +129,7 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Close the database."""
+        """Close the study's database."""
         self.database.close()
 
     def __enter__(self) -> Self:
@@ -185,12 +185,12 @@ class Store:
         return self._rows(Participant)
 
     def participant(self, pseudonym: str) -> Participant:
-        """Returns the participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
+        """Returns the participant with a pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
         with self.database.read() as connection:
             return find_participant(connection, pseudonym)
 
     def sessions(self, pseudonym: str) -> list[StudySession]:
-        """Returns a participant's sessions in order."""
+        """Returns a participant's sessions, ordered by number."""
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
     def designs(self) -> list[StoredDesign]:
@@ -198,7 +198,7 @@ class Store:
         return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
-        """Returns a participant's trials in the planned order."""
+        """Returns a participant's trials, ordered by position."""
         return self._rows(Trial, participant=participant_number(pseudonym))
 
     def remaining_trials(self, pseudonym: str) -> list[Trial]:
@@ -217,7 +217,7 @@ class Store:
         return [answer for answer in self._rows(StudyAnswer) if answer.session in sessions]
 
     def events(self) -> list[StudyEvent]:
-        """Returns all events of the study."""
+        """Returns all events of the study, in the order of storage."""
         return self._rows(StudyEvent)
 
     def participation(self) -> Participation | None:
@@ -237,7 +237,7 @@ class Store:
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def consents(self, pseudonym: str) -> list[Consent]:
-        """Returns all decisions of a participant about consent texts, in order."""
+        """Returns all decisions of a participant about consent texts, in the order of storage."""
         return self._rows(Consent, participant=participant_number(pseudonym))
 
     def consent_texts(self) -> list[ConsentText]:
@@ -249,7 +249,7 @@ class Store:
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
-        """Returns all entries of the audit log, in the order in which they were stored."""
+        """Returns all entries of the audit log, in the order of storage."""
         return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:
