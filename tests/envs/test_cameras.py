@@ -169,7 +169,7 @@ def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatc
         (["wrist:64"], "the camera is 'wrist:64'; allowed: NAME, NAME:WIDTHxHEIGHT"),
         ([{"name": "wrist", "fov": 3}], "unknown field `fov`; allowed: a text .* or the fields name, width"),
         ([{"name": "wrist", "fovy_deg": 1}], "fovy_deg of camera 'wrist' is 1.0; allowed: 5 to 150"),
-        ([3], "camera 3: .*; allowed: a name"),
+        ([3], "camera 3 is invalid: .*; allowed: a text"),
     ],
 )
 def test_invalid_cameras_are_refused(cameras: Any, message: str):

@@ -138,7 +138,7 @@ def test_observations_of_another_shape_are_refused(shape):
 
 
 def test_every_observation_needs_a_generator():
-    with pytest.raises(PolicyError, match="3 generators for 4 observations"):
+    with pytest.raises(PolicyError, match="3 random generators for 4 observations"):
         make_policy().act(observations(4), generators(3))
 
 
@@ -217,7 +217,7 @@ WRONG_TENSORS = {
     "a foreign type": ({"actor.2.bias": np.zeros(7, np.float16)}, "F16; allowed"),
     "no layer at all": (
         {f"actor.{layer}.{part}": None for layer in range(3) for part in ("weight", "bias")},
-        "0 weights and 0 biases",
+        "0 weight matrices and 0 bias vectors",
     ),
 }
 
@@ -336,7 +336,7 @@ def test_numbers_whose_sums_overflow_are_refused():
     sound = make_policy()
     for layer in range(len(sound.weights)):
         weights = [np.full_like(w, 1e308) if i == layer else w for i, w in enumerate(sound.weights)]
-        with pytest.raises(PolicyError, match=rf"the sums of actor\.{layer} are not finite"):
+        with pytest.raises(PolicyError, match=rf"sums of the layer actor\.{layer} can overflow"):
             replace(sound, weights=tuple(weights))
     large = replace(sound, weights=tuple(np.full_like(weight, 1e300) for weight in sound.weights))
     for seen in (0.0, 1e9, -1e300):
@@ -366,5 +366,5 @@ def test_the_preferred_policy_is_adaptive_then_revised_then_oracle():
 
 
 def test_arrays_of_wrong_shapes_are_refused():
-    with pytest.raises(PolicyError, match="2 weights and 3 biases"):
+    with pytest.raises(PolicyError, match="2 weight matrices and 3 bias vectors"):
         replace(make_policy(), weights=make_policy().weights[:2])

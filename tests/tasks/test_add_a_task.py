@@ -82,7 +82,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
     said = " ".join(listed.stdout.split())
     for name, reason in (
         ("Missing = nowhere:TASK (unfinished 1.0)", "No module named 'nowhere'"),
-        ("NoRecord = json:dumps (unfinished 1.0)", "allowed: a Task"),
+        ("NoRecord = json:dumps (unfinished 1.0)", "allowed: Task"),
         ("avrgym/NoSceneJaco-v1", "no scene yet"),
         (
             "NoScene = unfinished:NO_SCENE (unfinished 1.0)",

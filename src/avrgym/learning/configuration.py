@@ -74,27 +74,27 @@ class TrainingConfiguration:
 
     @property
     def update_steps(self) -> int:
-        """Environment steps of one update: an episode in every world."""
+        """Returns the number of environment steps in one update: an episode in every world."""
         return self.num_envs * self.episode_steps
 
     @property
     def updates(self) -> int:
-        """Total number of updates."""
+        """Returns the total number of updates."""
         return -(-self.steps // self.update_steps)
 
     @property
     def total_steps(self) -> int:
-        """Total number of environment steps."""
+        """Returns the total number of environment steps."""
         return self.updates * self.update_steps
 
     @property
     @abstractmethod
     def imitation_updates(self) -> int:
-        """Number of imitation updates. They are the first updates of a training run."""
+        """Returns the number of imitation updates. They are the first updates of a training run."""
 
     @property
     def imitation_steps(self) -> int:
-        """Number of environment steps of imitation."""
+        """Returns the number of environment steps of imitation."""
         return self.imitation_updates * self.update_steps
 
     @abstractmethod

@@ -82,7 +82,7 @@ def _check_pairing(environment: str, people: str) -> None:
     _, joints = human_view_of(environment)
     if not joints:
         raise ValueError(
-            f"people have no actions in {environment}; allowed for `--recipe pair`: tasks in which people move"
+            f"people have no actions in {environment}; allowed for `--recipe pair`: tasks with moving people"
         )
     if is_trained_human(people):
         raise ValueError(
@@ -134,7 +134,7 @@ class FeedforwardRecipe:
             self._policy_update = DevicePPO(configuration)
             cached_worlds(
                 self._settings[configuration.engine], configuration.num_envs
-            )  # fails without memory
+            )  # raises ValueError now if the device does not have enough memory
         self._agents = _agents(configuration, out)
         self._demonstrations = Demonstrations(out, Demonstration)
         self._hard = HardEpisodes(configuration.num_envs, configuration.hard_share, configuration.seed)
@@ -143,7 +143,7 @@ class FeedforwardRecipe:
 
     @property
     def model(self) -> ppo.PPO:
-        """The robot's model."""
+        """Returns the robot's model."""
         return self._agents[0].model
 
     @property
@@ -195,7 +195,7 @@ class FeedforwardRecipe:
         minibatches["state"]["key"] = np.array(minibatches["state"]["key"], dtype=np.uint32)
         np.random.set_state(minibatches)  # noqa: NPY002
         self._latest = [(reward, success) for reward, success in values["finished"]]
-        self._hard.stored = values.get("hard", [])  # absent in early checkpoints
+        self._hard.stored = values.get("hard", [])  # early checkpoints do not contain it
         if self.steps < self._configuration.imitation_steps:
             self._demonstrations.read(self.steps // self._configuration.update_steps)
 

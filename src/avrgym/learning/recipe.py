@@ -28,12 +28,12 @@ class Recipe(Protocol):
 
     @property
     def steps(self) -> int:
-        """Number of environment steps until now."""
+        """Returns the number of environment steps until now."""
         ...
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
-        """Candidates for the trained policy's action_std. The candidate with the highest success rate is selected."""
+        """Returns candidates for the trained policy's action_std. The one with the highest success rate is selected."""
         ...
 
     def update(self) -> Update:

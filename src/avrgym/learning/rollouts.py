@@ -112,7 +112,7 @@ class Rollout:
 
     @property
     def nbytes(self) -> int:
-        """Total size of all arrays in bytes."""
+        """Returns the total size of all arrays in bytes."""
         return sum(array.nbytes for array in self._arrays.values())
 
     @property

@@ -216,7 +216,7 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
     if available is not None and needed > available:
         raise ValueError(
             f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "
-            f"{available / 2**30:.1f} GiB; allowed: num_envs of {available * worlds // needed} worlds or fewer"
+            f"{available / 2**30:.1f} GiB; allowed: {available * worlds // needed} worlds (num_envs) or fewer"
         )
 
 
@@ -250,11 +250,15 @@ class _Trainer:
             tensors: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
             values: dict[str, Any] = json.loads(tensors["notes"])
         except Exception as error:  # torch raises many types of exceptions
-            raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
+            raise ValueError(
+                f"{path}: not a checkpoint of this training run ({error}); start a new training run"
+            ) from error
         try:
             self._recipe.restore(tensors, values)
         except (KeyError, TypeError, RuntimeError) as error:
-            raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
+            raise ValueError(
+                f"{path}: not a checkpoint of this training run ({error}); start a new training run"
+            ) from error
         self._curve = [(steps, reward, success) for steps, reward, success in values["curve"]]
         self._seconds_before = values["seconds"]
         finished = not (self._out / DEMONSTRATIONS_FOLDER).exists()
@@ -360,7 +364,7 @@ class _Trainer:
 
     @property
     def _seconds(self) -> float:
-        """Duration of the training run until now, in seconds."""
+        """Returns the duration of the training run until now, in seconds."""
         return self._seconds_before + time.monotonic() - self._started
 
 

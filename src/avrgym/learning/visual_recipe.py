@@ -91,7 +91,7 @@ class VisualRecipe:
         self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED_ENTRIES]
         (camera,) = self._cameras
         channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
-        torch.set_num_threads(1)  # more would change the order of sums
+        torch.set_num_threads(1)  # more threads would change the order of sums
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
             self._network = VisualNetwork(

@@ -48,7 +48,7 @@ class Cloth:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the vertices' bodies. Their slide joints are ``<body>_x``, ``<body>_y`` and ``<body>_z``."""
+        """Returns the names of the vertices' bodies. The slide joints are ``<body>_x``, ``<body>_y``, ``<body>_z``."""
         return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 

@@ -118,7 +118,9 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
     for geom in spec.geoms:
         if geom.name.startswith(human.PREFIX):
             set_compliance(geom)
-        elif geom.name.startswith(robot.PREFIX) and geom.priority:  # parameters of such tools take precedence
+        elif (
+            geom.name.startswith(robot.PREFIX) and geom.priority
+        ):  # MuJoCo uses the contact parameters of these tools
             set_compliance(geom, SOFT_TISSUE if geom.condim == 1 else WASHCLOTH_PAD)
     lead = lead_rad * joint_units([spec.joint(robot.PREFIX + joint).type for joint in arm.joints])
     for joint, effort in zip(arm.joints, effort_limit(arm, lead), strict=True):

@@ -32,16 +32,16 @@ class CupShape:
 
     @property
     def axis_x_m(self) -> float:
-        """x coordinate of the cup's axis in the tool's frame."""
+        """Returns the x coordinate of the cup's axis in the tool's frame."""
         return -self.rim_radius_m
 
     @property
     def taper_rad(self) -> float:
-        """Angle between the wall and the axis of the cup."""
+        """Returns the angle between the wall and the axis of the cup."""
         return math.atan2(self.rim_radius_m - self.foot_radius_m, self.height_m)
 
     def inner_radius_m(self, z: float) -> float:
-        """Inner radius at height ``z`` in the tool's frame; the rim is at zero."""
+        """Returns the inner radius at height ``z`` in the tool's frame. The rim is at z = 0."""
         return self.rim_radius_m + z * math.tan(self.taper_rad) - _WALL_M / math.cos(self.taper_rad)
 
 

@@ -36,12 +36,12 @@ class DifferentialDrive:
 
     @property
     def speed_limit(self) -> FloatArray:
-        """Speeds (2,) for an action of 1: forward in m/s, turn in rad/s."""
+        """Returns the speeds (2,) for an action of 1: forward in m/s, turn in rad/s."""
         return np.array([self.speed_limit_m_s, self.turn_limit_rad_s])
 
     @property
     def effort_limit(self) -> FloatArray:
-        """Limits (3,) of force forward and sideways in N, and of torque in N·m."""
+        """Returns the limits (3,) of forward and sideways force in N, and of torque in N·m."""
         return np.array(
             [self.force_limit_n, self.lateral_force_limit_n, 0.5 * self.track_width_m * self.force_limit_n]
         )

@@ -107,7 +107,7 @@ def _add_materials(spec: mujoco.MjSpec, person: Person) -> None:
 
 
 def _add_texture(spec: mujoco.MjSpec, material: str, file: str) -> None:
-    """Give a material a texture that multiplies its colour."""
+    """Add a texture to a material. The texture multiplies the material's colour."""
     name, pixels = PREFIX + material, _pixels(file)
     texture = spec.add_texture(
         name=name,

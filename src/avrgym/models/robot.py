@@ -112,7 +112,7 @@ class Mount:
 
     @property
     def on_floor(self) -> bool:
-        """Whether the robot is on the floor."""
+        """Returns whether the robot is on the floor."""
         return self.carrier is None
 
     def mirrored(self) -> "Mount":

@@ -62,22 +62,22 @@ class SceneConfig:
 
     @property
     def in_task_frame(self) -> "SceneConfig":
-        """The scene in the task's frame. It is the argument of the task's functions."""
+        """Returns the scene in the task's frame. It is the argument of the task's functions."""
         return self.task_scene or self
 
     @property
     def substeps(self) -> int:
-        """Number of physics steps in a control step."""
+        """Returns the number of physics steps in a control step."""
         return round(self.control_step_s / PHYSICS_STEP_S)
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Names of the A components of an action; see ``Robot.action_names``."""
+        """Returns the names of the A components of an action; see ``Robot.action_names``."""
         return self.robot.action_names(self.arm)
 
     @property
     def speed_limit(self) -> FloatArray:
-        """Speeds (A,) for actions of 1: rad/s for hinges and for turning, m/s for slides and for driving forward."""
+        """Returns the speeds (A,) for actions of 1: rad/s for hinges and turning, m/s for slides and driving."""
         drive = () if self.robot.drive is None else self.robot.drive.speed_limit
         return np.concatenate([self.arm.speed_limit, drive])
 

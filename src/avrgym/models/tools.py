@@ -34,7 +34,7 @@ class Particles:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Body names. The slide joints of each body are ``<body>_x``, ``<body>_y`` and ``<body>_z``."""
+        """Returns the body names. The slide joints of each body are ``<body>_x``, ``<body>_y`` and ``<body>_z``."""
         return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 
@@ -82,7 +82,7 @@ class Tool:
 
     @property
     def grip_name(self) -> str:
-        """Name of the grip for this tool in ``Robot.grips``."""
+        """Returns the name of the grip for this tool in ``Robot.grips``."""
         return self.grip or self.name
 
 

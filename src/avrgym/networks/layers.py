@@ -1,4 +1,4 @@
-"""Layers of policy networks in NumPy. The order of sums does not depend on batch size or processor."""
+"""Layers of policy networks in NumPy. The order of sums is fixed: it does not depend on batch size or processor."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -37,7 +37,7 @@ class Memory:
 
     @property
     def units(self) -> int:
-        """Number of units, U."""
+        """Returns the number of units, U."""
         return self.hidden_weight.shape[0]
 
     def next_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:

@@ -129,7 +129,7 @@ class Policy:
 
     @property
     def memory_size(self) -> int:
-        """Number of units of the memory; 0 without a memory."""
+        """Returns the number of units of the memory; 0 without a memory."""
         return 0 if self.memory is None else self.memory.units
 
     @property
@@ -138,7 +138,7 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """SHA-256 hash of all parameters, without metadata, in hexadecimal."""
+        """Returns the SHA-256 hash of all parameters, without metadata, in hexadecimal."""
         digest = sha256()
         for name, array in _tensors(self).items():
             digest.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())
@@ -189,7 +189,8 @@ class Policy:
         """Returns actions (N, action), float32 in [-1, 1]: the means plus noise from the generators."""
         if len(generators) != len(means):
             raise PolicyError(
-                f"{len(generators)} generators for {len(means)} observations; allowed: one for each"
+                f"there are {len(generators)} random generators for {len(means)} observations; allowed: one generator "
+                "for each observation"
             )
         actions = means.copy()
         for row, generator in enumerate(generators if self.action_std else ()):
@@ -198,7 +199,7 @@ class Policy:
 
     @property
     def observation_deviation(self) -> np.ndarray:
-        """Standard deviations (O,) of observations in training; divisors of the normalisation."""
+        """Returns the standard deviations (O,) of observations in training. Observations are divided by them."""
         return np.sqrt(self.observation_variance + self.observation_epsilon)
 
     def normalise(self, observations: np.ndarray) -> np.ndarray:
@@ -274,13 +275,16 @@ def _check_sum(name: str, largest: float, weight: np.ndarray, bias: np.ndarray) 
     with np.errstate(over="ignore"):
         sums = largest * np.abs(weight).sum(axis=0).max(initial=0.0) + np.abs(bias).max(initial=0.0)
     if not np.isfinite(sums):
-        raise PolicyError(f"the sums of {name} are not finite; use smaller numbers")
+        raise PolicyError(
+            f"the weighted sums of the layer {name} can overflow; use smaller weights and biases"
+        )
 
 
 def _check_shapes(policy: Policy) -> None:
     if not policy.weights or len(policy.weights) != len(policy.biases):
         raise PolicyError(
-            f"{len(policy.weights)} weights and {len(policy.biases)} biases; allowed: equally many, 1 or more"
+            f"the policy has {len(policy.weights)} weight matrices and {len(policy.biases)} bias vectors; allowed: the "
+            "same number of both, 1 or more"
         )
     _check_shape("observation.mean", policy.observation_mean, (None,))
     size = policy.observation_mean.shape
@@ -412,7 +416,10 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
         versions = FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION
         if version not in versions:
-            raise PolicyError(f"format version {version}; allowed: {', '.join(map(str, versions))}")
+            raise PolicyError(
+                f"the file has format version {version}; allowed: {', '.join(map(str, versions))}. Install the AVR Gym "
+                "version that wrote it"
+            )
         described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
     except msgspec.DecodeError as error:
         raise PolicyError(f"{_HEADER!r} in the header is invalid: {error}") from error

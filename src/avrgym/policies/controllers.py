@@ -124,7 +124,9 @@ def find_python(name: str) -> ExternalController:
         for part in attribute.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # a module may raise anything
-        raise PolicyError(f"{name}: cannot be imported ({_error_text(error)})") from error
+        raise PolicyError(
+            f"{name}: cannot be imported ({_error_text(error)}); check the name, or correct the error in the module"
+        ) from error
     return _external(name, found, plugin_of_controller(name))
 
 
@@ -196,7 +198,7 @@ def _takes_observation(found: Any) -> bool:
         return False
     try:
         signature = inspect.signature(found)
-    except ValueError:  # compiled functions may have none
+    except ValueError:  # compiled functions may have no signature
         return False
     return not _can_bind(signature, 0) and _can_bind(signature, 1)
 

@@ -74,7 +74,7 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Maximum number of parallel calls: the requested number, or the number of cores of the cluster."""
+        """Returns the maximum number of parallel calls: the requested number, or the number of cores in the cluster."""
         return self.max_jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
 
     def several_computers(self) -> bool:

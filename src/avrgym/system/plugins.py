@@ -82,5 +82,5 @@ def _object(entry: EntryPoint, kind: type[T]) -> T:
         raise ImportError(f"{entry.module} was imported before avrgym; import avrgym first")
     found = entry.load()
     if not isinstance(found, kind):
-        raise TypeError(f"{entry.value} is a {type(found).__name__}; allowed: a {kind.__name__}")
+        raise TypeError(f"{entry.value} has the type {type(found).__name__}; allowed: {kind.__name__}")
     return found

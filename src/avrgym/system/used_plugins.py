@@ -38,7 +38,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def label(self) -> str:
-        """Kind and name, such as ``robot Gen3``."""
+        """Returns kind and name, such as ``robot Gen3``."""
         return f"{self.kind} {self.name}"
 
     def __str__(self) -> str:

@@ -66,7 +66,7 @@ class Posture:
 
     @property
     def seated(self) -> bool:
-        """Whether the person is on a seat, not in bed."""
+        """Returns whether the person is on a seat, not in bed."""
         return self.hips_pos_w is None
 
     def hips(self, p: Proportions) -> FloatArray:
@@ -78,7 +78,7 @@ class Posture:
 
     @property
     def away_from_backrest(self) -> FloatArray:
-        """Normal of the backrest (3,), towards the person; world frame."""
+        """Returns the normal of the backrest (3,), towards the person; world frame."""
         angle = float(np.radians(self.hips_deg))
         return np.array([0.0, -np.cos(angle), -np.sin(angle)])
 
@@ -112,24 +112,24 @@ class Layout:
 
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
-        """Body positions in the frame of the parent body."""
+        """Returns the body positions (N, 3) by body name, in the frame of the parent body."""
         positions = _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
         outward = constant_like(self.posture.away_from_backrest, self.scale)
         return positions | {"hips": positions["hips"] + self.chest_depth_change_m[..., None] * outward}
 
     @property
     def geom_pos(self) -> Mapping[str, FloatArray]:
-        """Geom positions in the frame of their body."""
+        """Returns the geom positions (N, 3) by geom name, in the frame of their body."""
         return self._geoms[0]
 
     @property
     def geom_size(self) -> Mapping[str, FloatArray]:
-        """Capsule sizes: radius, half length, 0."""
+        """Returns the capsule sizes (N, 3) by geom name: radius, half length, 0."""
         return self._geoms[1]
 
     @cached_property
     def site_pos(self) -> Mapping[str, FloatArray]:
-        """Site positions in the frame of their body."""
+        """Returns the site positions (N, 3) by site name, in the frame of their body."""
         return _sites(self.proportions, self.scale)
 
     @cached_property
