@@ -189,7 +189,7 @@ class RecurrentHyperparameters:
     max_minibatches: int = 8
     """Episodes in a minibatch of PPO, and maximum number of minibatches in an epoch."""
     target_kl: float = 0.03
-    """An update ends after an epoch whose mean Kullback-Leibler divergence is above this value."""
+    """Maximum mean Kullback-Leibler divergence of an epoch. If an epoch exceeds it, the update ends."""
     max_grad_norm: float = 0.5
     critic_memory_size: int = 64
     critic_net_arch: tuple[int, ...] = (64,)
@@ -204,7 +204,7 @@ class RecurrentHyperparameters:
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     rewarded_force_n: float = 1.5
-    """Force in newtons above which the reward of PPO does not increase further."""
+    """Force limit in newtons. The reward of PPO does not increase above this limit."""
     overload_weight: float = 5.0
     """Reward penalty in PPO for a force at the transient limit of a body region, see ``rollouts.RolloutRequest``."""
 

@@ -112,7 +112,7 @@ def train(
     Raises:
         ValueError: for an unknown environment, people or policy, or if another process uses ``out``.
         FileExistsError: if ``out`` already contains a training run.
-        RuntimeError: if the worlds do not fit into the cluster's memory, or the cluster does not answer.
+        RuntimeError: if the worlds need more memory than the cluster has, or the cluster does not answer.
     """
     _check_unused(out)
     _check(configuration, configuration.people, cluster)
@@ -208,7 +208,7 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
-    """Raise ``ValueError`` if the worlds (with a cluster: the episodes) do not fit into this computer's memory."""
+    """Raise ``ValueError`` if the worlds (with a cluster: the episodes) need more memory than this computer has."""
     observation, action = observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs

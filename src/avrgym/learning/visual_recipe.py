@@ -37,7 +37,7 @@ from avrgym.tasks.registry import task_and_scene
 TEACHER_FILE = "teacher.safetensors"
 """Copy of the teacher in the folder of a training run."""
 MEASURED_ENTRIES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
-"""Entries of an observation that follow from the angles of the arm's joints."""
+"""Names of the observation's entries that are computed from the joint angles of the arm."""
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ Furniture = Callable[[mujoco.MjSpec, bool], None]
 class Arm:
     """A robot arm. ``tuned_arm`` creates one and computes stiffness and inertia.
 
-    Joints are hinges or slides; the model defines their types and ranges. Units follow from the type: radians and N·m
-    for hinges, metres and N for slides.
+    Joints are hinges or slides; the model defines their types and ranges. The type determines the units: radians and
+    N·m for hinges, metres and N for slides.
 
     Attributes:
         joints: names of the J joints from base to hand, at least six, each with a range.
@@ -42,8 +42,7 @@ class Arm:
         speed_limit: speed limits (J,), rad/s or m/s.
         effort_limit: limits of motor torque or force (J,), N·m or N.
         stiffness: servo stiffness (J,), N·m/rad or N/m.
-        inertia: inertia or mass at the seed pose, motor included (J,), kg·m² or kg. The servo's damping follows from
-            it.
+        inertia: inertia or mass at the seed pose, motor included (J,), kg·m² or kg. It determines the servo's damping.
         seed_pose: initial joint positions (J,) for inverse kinematics, rad or m, with clearance around the arm.
         finger_prefix: prefix of the hand's joint names.
     """

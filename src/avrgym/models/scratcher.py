@@ -1,4 +1,4 @@
-"""The scratcher: a round rod with a blunt tip, held lengthwise like a pen."""
+"""The scratcher: a round rod with a blunt tip. The robot holds it lengthwise, like a pen."""
 
 import mujoco
 import numpy as np

@@ -57,7 +57,7 @@ def _header(text: str, pattern: str, index: int) -> int:
 
 
 def _is_whole(text: str) -> bool:
-    """Returns whether the text is complete TOML: it does not end within a multi-line string."""
+    """Returns whether the text is complete TOML, and not cut within a multi-line string."""
     try:
         tomlkit.parse(text)
     except TOMLKitError:

@@ -139,7 +139,7 @@ def scale_girths(
 ) -> Proportions:
     """Returns the measures of N people, with radii, breadths and mass scaled to stature and body mass index (N,).
 
-    The measures ``p`` of people whose body mass index is NaN do not change.
+    If a person's body mass index is NaN, the measures ``p`` of this person do not change.
     """
     xp, known = namespace(bmi_kg_m2), ~namespace(bmi_kg_m2).isnan(bmi_kg_m2)
     if xp is np and not known.any():
