@@ -27,9 +27,9 @@ export function watchAddress(): string {
   return address.href;
 }
 
-/** The response of the server to an authenticated request. */
+/** The response of the server to an authenticated request. The address is relative to the page, also with `/` first. */
 export async function fetchBytes(url: string, token: string): Promise<ArrayBuffer> {
-  const response = await fetch(url, { headers: { Authorization: `Bearer ${token}` } });
+  const response = await fetch(url.replace(/^\//, "./"), { headers: { Authorization: `Bearer ${token}` } });
   if (!response.ok) throw new Error(`the server answered ${response.status}`);
   return response.arrayBuffer();
 }

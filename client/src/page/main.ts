@@ -23,6 +23,7 @@ function sayWhyNothingIsDrawn(error: unknown): void {
   element("problem").textContent = texts.get("no_drawing");
 }
 
+element("own-page").hidden = isSpectator || !location.pathname.includes("/session/");
 document.body.classList.toggle("embedded", asked.get("embedded") === "1");
 
 try {

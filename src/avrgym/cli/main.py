@@ -5,6 +5,7 @@ from avrgym.cli.bench import app as bench_commands
 from avrgym.cli.demo import demo
 from avrgym.cli.doctor import doctor
 from avrgym.cli.export import app as export_commands
+from avrgym.cli.host import host
 from avrgym.cli.learning import envs, evaluate, fit_people, train
 from avrgym.cli.new import app as new_commands
 from avrgym.cli.program import Commands, Program
@@ -36,5 +37,5 @@ app.add_typer(bench_commands, name="bench")
 app.add_typer(study_commands, name="study")
 app.add_typer(new_commands, name="new")
 app.add_typer(export_commands, name="export")
-for command in (demo, serve, view, envs, train, sweep, evaluate, fit_people, replay, analyze, doctor):
+for command in (demo, serve, host, view, envs, train, sweep, evaluate, fit_people, replay, analyze, doctor):
     app.command()(command)

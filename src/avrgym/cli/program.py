@@ -24,6 +24,7 @@ EXTRAS = {
     "analyze": "study",
     "fit-people": "study",
     "demo": "study",
+    "host": "study",
     "sweep": "train,cluster",
 }
 """Preferred extras by command. If one of them contains a missing package, its installation is suggested."""

@@ -1,0 +1,23 @@
+"""Host a study for participants at home: many sessions at once, with one public address.
+
+The host is one process. It has two web servers: a public one for participants, and one on another port for
+experimenters. Each session runs in its own process (``session_process``), with the same server and the same session as
+``avrgym serve``. The host starts these processes, watches and replaces them (``session_pool``), admits participants by
+measured capacity (``capacity``, ``waiting_list``), and passes WebSockets to them as bytes (``tunnel``).
+
+All states that must survive a crash are in the study's database: invitations, consents, inclusion answers, events and
+trials. A participant's stage is computed from them (``stages``). After a crash of the host or of a session, the next
+session continues with the first trial that is not complete.
+
+| module | task |
+|---|---|
+| ``settings`` | contents of ``host.toml`` |
+| ``addresses`` | public address and links |
+| ``rate_limits``, ``headset_codes`` | limits of requests, codes for headsets |
+| ``stages`` | what a participant does next |
+| ``capacity``, ``waiting_list`` | admission and waiting time |
+| ``session_process``, ``session_pool`` | processes of sessions and their supervision |
+| ``tunnel`` | WebSockets between browser and session |
+| ``participant_app``, ``experimenter_app`` | web applications of both servers |
+| ``host`` | both servers together |
+"""

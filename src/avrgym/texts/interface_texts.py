@@ -43,6 +43,8 @@ OPTIONAL_PAGE_KEYS = (
     "by_remote",
     "caption_success",
 )
+HOST_PREFIX = "host_"
+"""Prefix of the keys under ``page`` for the pages of hosted studies. They are optional too."""
 OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one")
 """Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
 PAGE_SUFFIX = "_page"
@@ -176,7 +178,7 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
         added.direction or included.direction or DIRECTIONS[0],
         added.decimal or included.decimal or ".",
         {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_KEYS} | included.session | added.session,
-        {key: _ENGLISH.page[key] for key in OPTIONAL_PAGE_KEYS} | included.page | added.page,
+        {key: text for key, text in _ENGLISH.page.items() if is_optional(key)} | included.page | added.page,
         {
             normalize_whitespace(sentence): text
             for sentence, text in (included.sentences | added.sentences).items()
@@ -184,6 +186,11 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     )
     _check(texts, where)
     return texts
+
+
+def is_optional(key: str) -> bool:
+    """Returns whether a key under ``page`` is optional."""
+    return key in OPTIONAL_PAGE_KEYS or key.startswith(HOST_PREFIX)
 
 
 @cache

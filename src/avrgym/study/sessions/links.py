@@ -11,12 +11,14 @@ from avrgym.vr.protocol.messages import Language
 from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
-def make_link(store: Store, session_id: int, role: str | None = None) -> str:
+def make_link(store: Store, session_id: int, role: str | None = None, link: str | None = None) -> str:
     """Create and store a link for an open session. Returns the link. ``role``: ``caregiver``; default: participant.
+
+    ``link``: the link to store; default: a new one.
 
     Raises ``StudyError`` if the session has ended.
     """
-    link = new_link()
+    link = link or new_link()
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.insert(

@@ -59,6 +59,7 @@ class StudySessions:
         workers: Executor | None = None,
         *,
         first: str | None = None,
+        first_link: str | None = None,
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
         streams: Streams | None = None,
@@ -73,6 +74,7 @@ class StudySessions:
             send: see ``Session``.
             workers: see ``Session``.
             first: pseudonym of the first participant.
+            first_link: the link of the first session; default: a new one.
             furniture: the real seat and bed at this station; default: the design's.
             storing: see ``StudyVisit``.
             streams: see ``Session``.
@@ -97,7 +99,7 @@ class StudySessions:
         self._actions: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
         if first is not None:
-            self._begin(first, 0.0)
+            self._begin(first, 0.0, link=first_link)
 
     @property
     def furniture(self) -> RealFurniture:
@@ -216,14 +218,21 @@ class StudySessions:
             else:
                 _forward_result(stored, done)
 
-    def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
+    def _begin(
+        self,
+        pseudonym: str,
+        now_s: float,
+        furniture: RealFurniture | None = None,
+        link: str | None = None,
+    ) -> None:
         if self.participant is not None:
             raise StudyError(f"the session of {self.participant} is running; end it first")
         visit = StudyVisit(self._store, pseudonym, storing=self._storing)
         self._furniture = furniture or self._furniture
         try:
             session = self._in_vr(visit)
-            self.links.begin(make_link(self._store, visit.stored.id), visit.language_message)
+            own_link = make_link(self._store, visit.stored.id, link=link)
+            self.links.begin(own_link, visit.language_message)
             self.caregiver_links.begin(
                 make_link(self._store, visit.stored.id, CAREGIVER), visit.language_message
             )

@@ -100,9 +100,9 @@ class Connection:
 class ConnectionLimiter:
     """Accepts the connections of a listening socket and enforces the limits."""
 
-    def __init__(self, listener: socket.socket, tokens: Tokens) -> None:
+    def __init__(self, listener: socket.socket, tokens: Tokens, max_per_role: int | None = None) -> None:
         self.listener = listener
-        self._tokens = tokens
+        self._tokens, self._max_per_role = tokens, max_per_role or MAX_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
         self._max_unauthenticated = min(MAX_UNAUTHENTICATED, max_open_files() // FILE_HANDLE_DIVISOR)
 
@@ -140,7 +140,7 @@ class ConnectionLimiter:
         connection = self._connection(scope)
         if connection is None:
             return
-        if sum(each.role == role for each in self._connections.values()) < MAX_PER_ROLE:
+        if sum(each.role == role for each in self._connections.values()) < self._max_per_role:
             connection.role = role
 
     def _connection(self, scope: Scope) -> Connection | None:

@@ -184,6 +184,15 @@ class LiveServer(Generic[S]):
         return self.loop.session
 
     @property
+    def has_participant(self) -> bool:
+        """Whether a participant is connected."""
+        return self._broadcast.has_participant
+
+    def send(self, message: Message) -> None:
+        """Send a message to all connections whose role receives it."""
+        self._broadcast.send(message)
+
+    @property
     def url(self) -> str:
         """The address of the participant's page on this computer.
 

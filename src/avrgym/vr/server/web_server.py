@@ -19,7 +19,14 @@ from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
 from avrgym.vr.server.response_headers import ResponseHeaders
 
 STATIC_FOLDER = Path(__file__).parents[1] / "static"
-PAGES = ("index.html", "dashboard.html", "caregiver.html", "replay.html")
+PAGES = (
+    "index.html",
+    "dashboard.html",
+    "caregiver.html",
+    "replay.html",
+    "participate.html",
+    "host.html",
+)
 """The client's pages: for participants and spectators, for the experimenter, for caregivers, and for replays."""
 CLIENT_INSTALL_HINT = (
     "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
@@ -46,13 +53,15 @@ def check_page(name: str) -> None:
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 
 
-def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
-    """Returns a new listening socket.
+def listen(
+    host: str, port: int, certificate: Certificate | None = None, *, behind_proxy: bool = False
+) -> socket.socket:
+    """Returns a new listening socket. ``behind_proxy``: a reverse proxy provides TLS for other computers.
 
     Raises:
         ServerError: if the port is not available, or for an address other than loopback without a certificate.
     """
-    if host not in LOOPBACK and certificate is None:
+    if host not in LOOPBACK and certificate is None and not behind_proxy:
         raise ServerError(
             f"--host {host} needs --lan, because browsers allow VR only on pages with a certificate; "
             f"without --lan, use --host {' or '.join(LOOPBACK)}; a headset reaches it over USB"
@@ -74,13 +83,19 @@ class WebServer:
     """Serves an ASGI application from ``start`` to ``stop``."""
 
     def __init__(
-        self, app: FastAPI, limiter: ConnectionLimiter, certificate: Certificate | None = None
+        self,
+        app: FastAPI,
+        limiter: ConnectionLimiter,
+        certificate: Certificate | None = None,
+        websockets: Callable[..., asyncio.Protocol] = WebSocketProtocol,
     ) -> None:
-        """Create the server. A certificate enables TLS. ``stop`` closes the limiter's socket."""
+        """Create the server. A certificate enables TLS. ``stop`` closes the limiter's socket.
+
+        ``websockets``: creates the protocol of a connection that becomes a WebSocket.
+        """
         self._limiter = limiter
-        self._uvicorn = _Server(
-            _configuration(limiter.middleware(ResponseHeaders(app)), certificate), limiter
-        )
+        limited = limiter.middleware(ResponseHeaders(app))
+        self._uvicorn = _Server(_configuration(limited, certificate, websockets), limiter)
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
     def start(self) -> None:
@@ -135,13 +150,15 @@ def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None
     _log.error("a connection failed: %s", type(error).__name__ if error else context.get("message"))
 
 
-def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Config:
+def _configuration(
+    app: ASGIApp, certificate: Certificate | None, websockets: Callable[..., asyncio.Protocol]
+) -> uvicorn.Config:
     """Returns uvicorn's configuration: fixed event loop and protocols, no trust in proxy headers."""
     return uvicorn.Config(
         app,
         loop="asyncio",
         http=HttpProtocol,
-        ws=WebSocketProtocol,
+        ws=cast(Any, websockets),
         proxy_headers=False,
         server_header=False,
         log_level="critical",

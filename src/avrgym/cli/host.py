@@ -1,0 +1,75 @@
+"""The command ``avrgym host``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.activity_log import log_start_and_end
+from avrgym.cli.names import unlock
+from avrgym.cli.terminal import print_line, report_errors
+from avrgym.vr.server.addresses import LOOPBACK, PORT
+
+
+def host(
+    study: Annotated[Path, typer.Argument(help="The study's folder.", metavar="STUDY")],
+    address: Annotated[
+        str,
+        typer.Option(help="The public address, such as https://study.org; default: this computer only."),
+    ] = "",
+    port: Annotated[
+        int, typer.Option(help="The port for participants; 0 chooses a free one.", min=0, max=65535)
+    ] = PORT,
+    experimenter_port: Annotated[
+        int,
+        typer.Option(
+            help="The port for experimenters, on this computer only; 0 chooses a free one.",
+            min=0,
+            max=65535,
+        ),
+    ] = PORT + 1,
+    listen: Annotated[str, typer.Option(help="The address to listen on; with --proxy any.")] = LOOPBACK[0],
+    proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The address of a reverse proxy with TLS, whose X-Forwarded-For is trusted; repeatable."
+        ),
+    ] = None,
+    sessions: Annotated[
+        int | None,
+        typer.Option(
+            help="Maximum number of sessions at once; by default, what this computer can run.", min=1
+        ),
+    ] = None,
+) -> None:
+    """Host a study for participants at home: many sessions at once.
+
+    Participants open the links of `study invite`. The file host.toml in the study's folder sets codes and time limits.
+    """
+    from avrgym.hosting.host import Host
+    from avrgym.study.storage.store import Store
+
+    with report_errors():
+        unlock(study)
+        with (
+            Store(study) as store,
+            log_start_and_end(store, "start host", "stop host"),
+            Host(
+                store,
+                address=address,
+                host=listen,
+                port=port,
+                experimenter_port=experimenter_port,
+                max_sessions=sessions,
+                proxies=tuple(proxy or ()),
+            ) as running,
+        ):
+            print_line("Participants: the links of")
+            print_line(f"    avrgym study invite {study} --address {running.origin} --out links.csv")
+            print_line("Experimenter (on this computer; do not give this address to participants)")
+            print_line(f"    {running.experimenter_url}")
+            print_line("Stop with Ctrl+C.")
+            try:
+                running.wait()
+            except KeyboardInterrupt:
+                print_line("stopped")

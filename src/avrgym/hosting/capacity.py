@@ -1,0 +1,91 @@
+"""Number of sessions that this computer can run, from the processor time that the running sessions use.
+
+A session uses most in trials. The estimate for one session is therefore the mean of the sessions' highest shares over
+``MEAN_REPORTS`` reports. A new
+session is admitted only if the sum stays below the limit, and if the sessions give up at most ``MAX_MISSED_SHARE`` of
+their ticks.
+"""
+
+import os
+from collections import deque
+from dataclasses import dataclass, field
+
+MAX_MISSED_SHARE = 0.005
+"""Maximum share of ticks given up in the last ``WINDOW_S`` at which a session is admitted."""
+MAX_LOAD = 0.8
+"""Maximum load by sessions, as a share of all cores. The rest is for the host and the database."""
+INITIAL_CPU_SHARE = 0.35
+"""Processor time of a session as a share of one core, before it is measured."""
+WINDOW_S = 30.0
+MEAN_REPORTS = 10
+SETTLE_S = 5.0
+"""The start of a session builds models; its processor time is not counted."""
+
+
+@dataclass
+class _Measured:
+    peak: float = 0.0
+    recent: deque[float] = field(default_factory=lambda: deque[float](maxlen=MEAN_REPORTS))
+    missed: deque[tuple[float, int]] = field(default_factory=deque[tuple[float, int]])
+
+
+class Capacity:
+    """Measures the running sessions and decides whether another one can start."""
+
+    def __init__(self, max_sessions: int | None = None, cores: int | None = None) -> None:
+        """``max_sessions``: a limit in addition to the measured one. ``cores``: default: those of this process."""
+        self._max_sessions = max_sessions
+        self._cores = cores or _own_cores()
+        self._running: dict[str, _Measured] = {}
+        self._finished_peaks: deque[float] = deque(maxlen=20)
+
+    @property
+    def cpu_share(self) -> float:
+        """Estimated processor time of one session, as a share of one core."""
+        peaks = [each.peak for each in self._running.values() if each.peak > 0.0]
+        known = [*self._finished_peaks, *peaks]
+        return sum(known) / len(known) if known else INITIAL_CPU_SHARE
+
+    @property
+    def sessions(self) -> int:
+        """Number of sessions that can run at once; at least 1."""
+        measured = max(1, int(MAX_LOAD * self._cores / max(self.cpu_share, 0.01)))
+        return measured if self._max_sessions is None else min(measured, self._max_sessions)
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the ticks that all sessions gave up in the last ``WINDOW_S``."""
+        missed = planned = 0.0
+        for each in self._running.values():
+            if len(each.missed) > 1:
+                (first_s, first), (last_s, last) = each.missed[0], each.missed[-1]
+                missed += last - first
+                planned += 100.0 * (last_s - first_s)
+        return missed / planned if planned else 0.0
+
+    def observe(self, session: str, seconds: float, cpu_share: float, missed_ticks: int) -> None:
+        """Store a report of a session: time since its start, processor time and ticks given up."""
+        own = self._running.setdefault(session, _Measured())
+        if seconds > SETTLE_S:
+            own.recent.append(cpu_share)
+            if len(own.recent) == MEAN_REPORTS:
+                own.peak = max(own.peak, sum(own.recent) / MEAN_REPORTS)
+            own.missed.append((seconds, missed_ticks))
+            while seconds - own.missed[0][0] > WINDOW_S:
+                own.missed.popleft()
+
+    def forget(self, session: str) -> None:
+        """Remove a session that has ended."""
+        own = self._running.pop(session, None)
+        if own is not None and own.peak > 0.0:
+            self._finished_peaks.append(own.peak)
+
+    def admits(self, running: int) -> bool:
+        """Returns whether one more session can start while this number of sessions run."""
+        return running < self.sessions and (running == 0 or self.missed_share <= MAX_MISSED_SHARE)
+
+
+def _own_cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

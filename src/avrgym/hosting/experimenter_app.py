@@ -1,0 +1,175 @@
+"""Web application of the experimenter's server: all sessions on one page, commands to them, and the study's dashboard.
+
+This server has its own port, and listens on a loopback address only. Each request needs an experimenter's token.
+"""
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any
+
+import msgspec
+from fastapi import Depends, FastAPI, HTTPException, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+from avrgym.hosting.participant_app import Door
+from avrgym.hosting.session_pages import add_session_pages
+from avrgym.hosting.session_pool import HostedSession, SessionPool
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.dashboard.request_log import DashboardLog
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.storage.free_text import MAX_LINE_LENGTH
+from avrgym.study.storage.states import PARTICIPANT, StudyError
+from avrgym.study.storage.store import Store
+from avrgym.vr.headset_check import MAX_LATENCY_MS
+from avrgym.vr.protocol.messages import CommandName
+from avrgym.vr.server.authentication import Caller, SameOriginOnly
+from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
+from avrgym.vr.server.web_server import STATIC_FOLDER
+
+MAX_BODY_BYTES = 1 << 13
+COMMANDS: tuple[CommandName, ...] = ("stop", "pause", "continue", "end")
+
+
+class DoorChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Whether the study accepts new participants and sessions."""
+
+    is_open: bool
+
+
+class NewMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A message to the participant of a session."""
+
+    text: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_LENGTH)]
+
+
+class CommandRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A command to a session."""
+
+
+def experimenter_app(
+    store: Store, pool: SessionPool, door: Door, tokens: StudyTokens, hosts: list[str]
+) -> FastAPI:
+    """Returns the web application. ``hosts``: allowed host names of requests."""
+
+    def experimenter(request: Request) -> Caller:
+        caller = tokens.bearer(request.headers)
+        if caller is None or caller.role != "experimenter":
+            raise HTTPException(401, "open the experimenter's address, which the host printed at its start")
+        return caller
+
+    log = DashboardLog(store)
+    app = FastAPI(openapi_url=None)
+    app.add_middleware(SameOriginOnly)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    app.add_exception_handler(StudyError, refuse_with(409))
+
+    @app.get("/api/sessions")
+    def read_sessions(caller: Annotated[Caller, Depends(experimenter)]) -> Response:
+        log.view(caller, "view sessions")
+        return json_response(sessions_view(store, pool, door))
+
+    @app.post("/api/door")
+    async def change_door(request: Request, caller: Annotated[Caller, Depends(experimenter)]) -> Response:
+        change = await decode_body(request, DoorChange, MAX_BODY_BYTES)
+        with log.command(caller, "open door" if change.is_open else "close door", None):
+            door.is_open = change.is_open
+        return Response(status_code=204)
+
+    def logged(caller: Caller, session_id: str, name: str, act: Callable[[], None]) -> None:
+        session = pool.find(session_id)
+        with log.command(caller, name, session.pseudonym if session else None):
+            act()
+
+    @app.post("/api/sessions/{session_id}/message")
+    async def send_message(
+        session_id: str, request: Request, caller: Annotated[Caller, Depends(experimenter)]
+    ) -> Response:
+        message = await decode_body(request, NewMessage, MAX_BODY_BYTES)
+        await run_in_threadpool(
+            logged, caller, session_id, "send message", lambda: pool.message(session_id, message.text)
+        )
+        return Response(status_code=204)
+
+    def endpoint(name: CommandName) -> Callable[..., Awaitable[Response]]:
+        async def command(
+            session_id: str, request: Request, caller: Annotated[Caller, Depends(experimenter)]
+        ) -> Response:
+            await decode_body(request, CommandRequest, MAX_BODY_BYTES)
+            await run_in_threadpool(
+                logged, caller, session_id, f"{name} session", lambda: pool.command(session_id, name)
+            )
+            return Response(status_code=204)
+
+        return command
+
+    for name in COMMANDS:
+        app.post(f"/api/sessions/{{session_id}}/{name}")(endpoint(name))
+    app.mount("/study", dashboard_app(store, tokens))
+    for path, file in (("/", "host.html"), ("/dashboard", "dashboard.html")):
+        app.get(path)(_page(file))
+    add_session_pages(app, pool, "spectator")
+    app.mount("/", StaticFiles(directory=STATIC_FOLDER))
+    return app
+
+
+def _page(name: str) -> Callable[[], Awaitable[FileResponse]]:
+    async def page() -> FileResponse:
+        return FileResponse(STATIC_FOLDER / name)
+
+    return page
+
+
+def sessions_view(store: Store, pool: SessionPool, door: Door) -> dict[str, Any]:
+    """Returns the state of the host and of all sessions, for the experimenter's page."""
+    states = [each.state for each in store.participants()]
+    return {
+        "title": store.design.title,
+        "is_open": door.is_open,
+        "capacity": pool.capacity.sessions,
+        "session_cpu_share": pool.capacity.cpu_share,
+        "missed_share": pool.capacity.missed_share,
+        "waiting": pool.waiting,
+        "participants": {state: states.count(state) for state in PARTICIPANT if state in states},
+        "sessions": [session_view(store, each) for each in pool.sessions],
+    }
+
+
+def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
+    """Returns the state of one session, with warnings."""
+    report = session.report
+    return {
+        "id": session.id,
+        "participant": session.pseudonym,
+        "state": session.state,
+        "phase": report.phase,
+        "trial": report.trial,
+        "trials": report.trials,
+        "connected": report.is_connected,
+        "paused": report.paused,
+        "minutes": report.seconds / 60.0,
+        "latency_ms": report.latency_ms,
+        "untracked_share": report.untracked_share,
+        "missed_ticks": report.missed_ticks,
+        "cpu_share": report.cpu_share,
+        "crashes": session.crashes,
+        "warnings": warnings_of(session, store.design.max_held_share),
+    }
+
+
+def warnings_of(session: HostedSession, max_held_share: float) -> list[str]:
+    """Returns what an experimenter should look at in a session."""
+    report = session.report
+    found = [report.problem] if report.problem else []
+    if session.crashes:
+        found.append(f"the process was replaced {session.crashes} times")
+    if session.state == "running" and not report.is_connected:
+        found.append("the participant is not connected")
+    if report.latency_ms is not None and report.latency_ms > MAX_LATENCY_MS:
+        found.append(
+            f"the latency is {report.latency_ms:.0f} ms; at most {MAX_LATENCY_MS:.0f} ms are allowed"
+        )
+    if report.untracked_share > max_held_share:
+        found.append(f"tracking was lost for {100.0 * report.untracked_share:.0f} % of the trials")
+    return found

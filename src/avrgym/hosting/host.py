@@ -1,0 +1,115 @@
+"""The host of a study: the public server, the experimenter's server, and the processes of the sessions."""
+
+from contextlib import ExitStack
+from urllib.parse import urlsplit
+
+from avrgym.hosting.addresses import check_address
+from avrgym.hosting.experimenter_app import experimenter_app
+from avrgym.hosting.headset_codes import HeadsetCodes
+from avrgym.hosting.participant_app import Door, ParticipantTokens, Participation, participant_app
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.hosting.settings import read_host_settings
+from avrgym.hosting.tunnel import TunnelRules, Tunnels
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.storage.identity_file import FOLDER as PRIVATE
+from avrgym.study.storage.store import Store
+from avrgym.vr.server.addresses import LOOPBACK
+from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.session_links import SessionLinks
+from avrgym.vr.server.web_server import WebServer, check_page, listen
+
+MAX_PARTICIPANT_CONNECTIONS = 1000
+
+
+class Host:
+    """Context manager: a hosted study. ``store``: the open study. ``pool``: its sessions."""
+
+    def __init__(
+        self,
+        store: Store,
+        *,
+        address: str = "",
+        host: str = LOOPBACK[0],
+        port: int = 0,
+        experimenter_port: int = 0,
+        max_sessions: int | None = None,
+        proxies: tuple[str, ...] = (),
+    ) -> None:
+        """Bind both ports.
+
+        Args:
+            store: the study.
+            address: the public address; default: that of the public port on this computer.
+            host: the address to listen on for participants.
+            port: the public port; 0 selects a free one.
+            experimenter_port: the port of the experimenter's server, on a loopback address.
+            max_sessions: a limit in addition to the measured capacity.
+            proxies: addresses of the reverse proxies that provide TLS.
+
+        Raises:
+            DesignError: if ``host.toml`` is invalid.
+            ServerError: if the client is not built or a port is not available.
+            ValueError: for an invalid address.
+        """
+        for page in ("participate.html", "host.html", "index.html"):
+            check_page(page)
+        self.store, self.door = store, Door()
+        settings = read_host_settings(store.folder)
+        self._open = ExitStack()
+        with ExitStack() as failed:
+            public = failed.enter_context(listen(host, port, behind_proxy=bool(proxies)))
+            own = failed.enter_context(listen(LOOPBACK[0], experimenter_port))
+            self.port, self.experimenter_port = int(public.getsockname()[1]), int(own.getsockname()[1])
+            self.origin = check_address(address or f"http://localhost:{self.port}")
+            failed.pop_all()
+        self.pool = SessionPool(store, settings, max_sessions)
+        self._experimenters = Experimenters(store)
+        self.tokens = StudyTokens.of_study(
+            store.folder / PRIVATE / "tokens.json", self._experimenters, SessionLinks()
+        )
+        local = [f"{name}:{self.port}" for name in LOOPBACK]
+        origins = frozenset({self.origin, *(f"http://{each}" for each in local)})
+        own_tokens = ParticipantTokens.of_study(store)
+        limiter = ConnectionLimiter(public, own_tokens, MAX_PARTICIPANT_CONNECTIONS)
+        participation = Participation(store, settings, self.pool, self.door, HeadsetCodes(), self.origin)
+        names = [urlsplit(self.origin).hostname or "", *LOOPBACK]
+        app = participant_app(participation, own_tokens, names, origins, proxies)
+        rules = TunnelRules(
+            self.pool,
+            limiter,
+            ("ws",),
+            origins,
+            frozenset({urlsplit(self.origin).netloc, *local}),
+            "participant",
+        )
+        self._public = WebServer(app, limiter, websockets=Tunnels(rules).protocol)
+        self._experimenter = self._experimenter_server(ConnectionLimiter(own, self.tokens))
+
+    def _experimenter_server(self, limiter: ConnectionLimiter) -> WebServer:
+        app = experimenter_app(self.store, self.pool, self.door, self.tokens, list(LOOPBACK))
+        hosts = frozenset(f"{name}:{self.experimenter_port}" for name in LOOPBACK)
+        origins = frozenset(f"http://{each}" for each in hosts)
+        rules = TunnelRules(self.pool, limiter, ("watch",), origins, hosts, "experimenter")
+        return WebServer(app, limiter, websockets=Tunnels(rules).protocol)
+
+    @property
+    def experimenter_url(self) -> str:
+        """The address of the experimenter's page."""
+        return f"http://localhost:{self.experimenter_port}/#token={self.tokens.experimenter}"
+
+    def __enter__(self) -> "Host":
+        self._open.enter_context(self._experimenters)
+        self._open.enter_context(self.pool)
+        for server in (self._public, self._experimenter):
+            server.start()
+            self._open.callback(server.stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def wait(self) -> None:
+        """Wait until a server stops."""
+        while self._public.running and self._experimenter.running:
+            self._public.wait(0.5)

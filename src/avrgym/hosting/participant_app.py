@@ -1,0 +1,369 @@
+"""Web application of the public server: the participant's page, its requests, and the pages of sessions.
+
+The page sends an invitation's token only in the body of a request, and the participant's own token as
+``Authorization: Bearer``. Therefore no token is in an address, a log or a cookie, and other pages cannot send requests
+in the participant's name. There is no page for experimenters on this server.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, Self
+
+import msgspec
+from fastapi import Depends, FastAPI, HTTPException, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import Headers
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from avrgym.hosting.addresses import participant_link
+from avrgym.hosting.headset_codes import HeadsetCodes
+from avrgym.hosting.rate_limits import RateLimits, client_address
+from avrgym.hosting.session_pages import add_session_pages
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.hosting.settings import HostSettings
+from avrgym.hosting.stages import (
+    DELETION_REQUESTED,
+    SAFETY_CONFIRMED,
+    ConsentStage,
+    InclusionStage,
+    ReadyStage,
+    SafetyStage,
+    Stage,
+    WaitingStage,
+    record_participant_event,
+    stage_of,
+    to_json,
+)
+from avrgym.models.human import Sex
+from avrgym.study.people.invitations import (
+    InvitationError,
+    ServiceIds,
+    check_invitation,
+    enrol_invited,
+    participant_of_token,
+)
+from avrgym.study.people.participants import (
+    decline_consent,
+    record_consent,
+    record_inclusion,
+    withdraw,
+)
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.texts.interface_texts import read_texts
+from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT, Caller, Tokens
+from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
+from avrgym.vr.server.session_links import CodeError, TooManyCodesError
+from avrgym.vr.server.web_server import STATIC_FOLDER
+
+MAX_BODY_BYTES = 1 << 13
+BURST_PER_ADDRESS, REQUESTS_PER_MINUTE = 30, 30.0
+"""Limits of requests without a participant's token, by address. A household or an office may share an address."""
+BURST_PER_PARTICIPANT, PARTICIPANT_REQUESTS_PER_MINUTE = 60, 120.0
+ACCEPTS_NEW = "this study accepts no new participants now"
+
+Token = Annotated[str, msgspec.Meta(max_length=128)]
+ServiceId = Annotated[str, msgspec.Meta(max_length=120)]
+Age = Annotated[int, msgspec.Meta(ge=0, le=130)]
+
+
+class GivenInvitation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The token of an invitation's link."""
+
+    token: Token
+
+
+class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request to take part with an invitation. ``participant``, ``study``, ``session``: ids of a recruitment
+    service.
+    """
+
+    token: Token
+    sex: Sex
+    age_years: Age | None = None
+    language: Annotated[str, msgspec.Meta(max_length=35)] = ""
+    participant: ServiceId = ""
+    study: ServiceId = ""
+    session: ServiceId = ""
+
+
+class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The decision about the shown consent text, with its version and checksum."""
+
+    version: str
+    sha256: str
+    agreed: bool
+
+
+class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The answer (yes or no) to each inclusion question, by id."""
+
+    answers: dict[str, bool]
+
+
+class Confirmation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A request without further values."""
+
+
+class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The digits of a code."""
+
+    code: Annotated[str, msgspec.Meta(max_length=40)]
+
+
+@dataclass(frozen=True)
+class ParticipantTokens(Tokens):
+    """The own tokens of participants. The shared tokens of ``Tokens`` open nothing here."""
+
+    store: Store
+
+    @classmethod
+    def of_study(cls, store: Store) -> Self:
+        """Returns the tokens of a study's participants."""
+        return cls(**asdict(Tokens.new()), store=store)
+
+    def caller(self, token: str) -> Caller | None:
+        """Returns the participant with this token, with the pseudonym as the name; ``None`` for another token."""
+        try:
+            pseudonym = participant_of_token(self.store, token)
+        except StudyError:
+            return None
+        return None if pseudonym is None else Caller("participant", pseudonym)
+
+
+class Door:
+    """Whether the study accepts new participants and sessions."""
+
+    def __init__(self) -> None:
+        self.is_open = True
+
+
+@dataclass(frozen=True)
+class Participation:
+    """What the requests of participants need."""
+
+    store: Store
+    settings: HostSettings
+    pool: SessionPool
+    door: Door
+    codes: HeadsetCodes
+    origin: str
+
+    def stage(self, pseudonym: str) -> Stage:
+        """Returns the participant's stage."""
+        return stage_of(self.store, self.settings, self.pool, pseudonym, is_open=self.door.is_open)
+
+    def check_stage(self, pseudonym: str, *allowed: type[Stage]) -> Stage:
+        """Returns the stage. Raises ``StudyError`` if it is none of the allowed ones."""
+        stage = self.stage(pseudonym)
+        if not isinstance(stage, allowed):
+            raise StudyError("this step is not possible now; reload the page")
+        return stage
+
+
+def _decide(own: Participation, pseudonym: str, decision: ConsentDecision) -> None:
+    stage = own.check_stage(pseudonym, ConsentStage)
+    assert isinstance(stage, ConsentStage)
+    if (decision.version, decision.sha256) != (stage.version, stage.sha256):
+        raise StudyError("the consent text has changed; reload the page to read the present one")
+    if decision.agreed:
+        record_consent(own.store, pseudonym)
+    elif own.store.participant(pseudonym).state == "enrolled":
+        withdraw(own.store, pseudonym, "did not consent")
+    else:
+        decline_consent(own.store, pseudonym)
+
+
+def _include(own: Participation, pseudonym: str, inclusion: InclusionAnswers) -> None:
+    own.check_stage(pseudonym, InclusionStage)
+    record_inclusion(own.store, pseudonym, inclusion.answers)
+
+
+def _confirm_safety(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    own.check_stage(pseudonym, SafetyStage)
+    record_participant_event(own.store, pseudonym, SAFETY_CONFIRMED)
+
+
+def _wait(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    stage = own.check_stage(pseudonym, ReadyStage, WaitingStage)
+    if isinstance(stage, ReadyStage) and not own.door.is_open:
+        raise StudyError("the study starts no new sessions now; come back later")
+    own.pool.join(pseudonym)
+
+
+def _leave(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    own.pool.leave(pseudonym)
+
+
+def _withdraw(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    own.pool.leave(pseudonym)
+    withdraw(own.store, pseudonym, "on the participant's page")
+
+
+def _request_deletion(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    own.pool.leave(pseudonym)
+    if own.store.participant(pseudonym).state not in ("withdrawn", "excluded"):
+        withdraw(own.store, pseudonym, "on the participant's page")
+    record_participant_event(own.store, pseudonym, DELETION_REQUESTED)
+
+
+ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any], None]]] = {
+    "consent": (ConsentDecision, _decide),
+    "inclusion": (InclusionAnswers, _include),
+    "safety": (Confirmation, _confirm_safety),
+    "waiting-list": (Confirmation, _wait),
+    "leave": (Confirmation, _leave),
+    "withdrawal": (Confirmation, _withdraw),
+    "deletion": (Confirmation, _request_deletion),
+}
+"""Type of the request body and function of each action of a participant, by the last part of its route."""
+
+
+class PublicOriginOnly:
+    """Middleware that rejects requests from pages of other origins. Programs send no origin header."""
+
+    def __init__(self, app: ASGIApp, origins: frozenset[str]) -> None:
+        self._app, self._origins = app, origins
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] == "http":
+            origin = Headers(scope=scope).get("origin")
+            if origin is not None and origin not in self._origins:
+                await Response(OTHER_ORIGIN_TEXT, 403)(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+
+def participant_app(
+    own: Participation,
+    tokens: ParticipantTokens,
+    hosts: list[str],
+    origins: frozenset[str],
+    proxies: tuple[str, ...] = (),
+) -> FastAPI:
+    """Returns the web application of the public server.
+
+    Args:
+        own: the study, its sessions and settings.
+        tokens: the own tokens of participants.
+        hosts: allowed host names of requests.
+        origins: allowed origins of pages.
+        proxies: addresses of reverse proxies, see ``client_address``.
+    """
+    by_address = RateLimits(BURST_PER_ADDRESS, REQUESTS_PER_MINUTE)
+    by_participant = RateLimits(BURST_PER_PARTICIPANT, PARTICIPANT_REQUESTS_PER_MINUTE)
+    app = FastAPI(openapi_url=None)
+    app.add_middleware(PublicOriginOnly, origins=origins)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    app.add_exception_handler(InvitationError, _refuse_invitation)
+    app.add_exception_handler(StudyError, refuse_with(409))
+    app.add_exception_handler(OSError, refuse_with(507))
+
+    def limited(request: Request) -> None:
+        if not by_address.allows(client_address(request.scope, proxies)):
+            raise HTTPException(429, "too many requests; wait a minute")
+
+    def participant(request: Request) -> str:
+        caller = tokens.bearer(request.headers)
+        if caller is None:
+            limited(request)
+            raise HTTPException(401, "open your own link of the study")
+        if not by_participant.allows(caller.name):
+            raise HTTPException(429, "too many requests; wait a minute")
+        return caller.name
+
+    @app.post("/api/invitation", dependencies=[Depends(limited)])
+    async def read_invitation(request: Request) -> Response:
+        given = await decode_body(request, GivenInvitation, MAX_BODY_BYTES)
+        await run_in_threadpool(check_invitation, own.store, given.token)
+        _check_open(own.door)
+        return json_response({"title": own.store.design.title, "languages": _languages(own.store)})
+
+    @app.post("/api/participants", dependencies=[Depends(limited)])
+    async def take_part(request: Request) -> Response:
+        given = await decode_body(request, Enrolment, MAX_BODY_BYTES)
+        _check_open(own.door)
+        _, token = await run_in_threadpool(
+            enrol_invited,
+            own.store,
+            given.token,
+            given.sex,
+            age_years=given.age_years,
+            language=given.language,
+            service=ServiceIds(given.participant, given.study, given.session),
+        )
+        return json_response({"token": token, "link": participant_link(own.origin, token)})
+
+    @app.post("/api/headset", dependencies=[Depends(limited)])
+    async def exchange_code(request: Request) -> Response:
+        entered = await decode_body(request, EnteredCode, MAX_BODY_BYTES)
+        try:
+            return json_response({"token": own.codes.exchange("".join(entered.code.split()))})
+        except TooManyCodesError as error:
+            raise HTTPException(429, str(error)) from None
+        except CodeError as error:
+            raise HTTPException(403, str(error)) from None
+
+    @app.get("/api/stage")
+    def read_stage(request: Request, pseudonym: Annotated[str, Depends(participant)]) -> Response:
+        if own.pool.place(pseudonym) is not None:
+            own.pool.join(pseudonym)
+        texts = read_texts(own.store.participant(pseudonym).language or "en", own.store.folder)
+        language = {"language": texts.language, "direction": texts.direction, "texts": dict(texts.page)}
+        stage = to_json(own.stage(pseudonym))
+        return json_response({"title": own.store.design.title, "stage": stage, "language": language})
+
+    @app.post("/api/code")
+    def read_code(request: Request, _: Annotated[str, Depends(participant)]) -> Response:
+        token = request.headers["authorization"].partition(" ")[2]
+        return json_response({"code": own.codes.new(token)})
+
+    for name, (kind, act) in ACTIONS.items():
+        app.post(f"/api/{name}")(_endpoint(own, participant, kind, act))
+    add_session_pages(app, own.pool)
+    app.get("/")(_page("participate.html"))
+    app.mount("/assets", StaticFiles(directory=STATIC_FOLDER / "assets"))
+    app.get("/favicon.svg")(_page("favicon.svg"))
+    app.get("/api/settings")(lambda: json_response(msgspec.to_builtins(own.settings.parameters)))
+    return app
+
+
+def _check_open(door: Door) -> None:
+    if not door.is_open:
+        raise InvitationError("closed", ACCEPTS_NEW)
+
+
+def _languages(store: Store) -> list[dict[str, str]]:
+    found = (read_texts(language, store.folder) for language in store.design.languages)
+    return [{"language": each.language, "name": each.name} for each in found]
+
+
+async def _refuse_invitation(_: Request, error: Exception) -> Response:
+    assert isinstance(error, InvitationError)
+    return json_response({"detail": str(error), "reason": error.reason}, 403)
+
+
+def _endpoint(
+    own: Participation,
+    participant: Callable[[Request], str],
+    kind: type[msgspec.Struct],
+    act: Callable[[Participation, str, Any], None],
+) -> Callable[..., Awaitable[Response]]:
+    async def endpoint(request: Request) -> Response:
+        pseudonym = await run_in_threadpool(participant, request)
+        body = await decode_body(request, kind, MAX_BODY_BYTES)
+        await run_in_threadpool(act, own, pseudonym, body)
+        return Response(status_code=204)
+
+    return endpoint
+
+
+def _page(name: str) -> Callable[[], Awaitable[FileResponse]]:
+    async def page() -> FileResponse:
+        return FileResponse(STATIC_FOLDER / name)
+
+    return page

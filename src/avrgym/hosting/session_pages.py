@@ -1,0 +1,69 @@
+"""Routes of the hosts' web servers for the pages of running sessions, their files, scenes and sounds."""
+
+from http.client import HTTPConnection
+from http.client import HTTPException as HttpError
+
+from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi.responses import FileResponse
+
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.vr.server.web_server import STATIC_FOLDER
+
+PAGE = "index.html"
+SESSION_TIMEOUT_S = 30.0
+
+
+def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
+    """Add the routes of sessions: their page at ``path``, its files, and scenes and sounds of the session's server.
+
+    WebSockets are passed by ``tunnel``.
+    """
+
+    def port_of(session_id: str) -> int:
+        session = pool.find(session_id)
+        if session is None or session.port is None:
+            raise HTTPException(404, "this session does not run")
+        return session.port
+
+    @app.get(f"/session/{{session_id}}/{path}")
+    async def session_page(session_id: str) -> FileResponse:
+        return FileResponse(STATIC_FOLDER / PAGE)  # for an ended session, it shows that the link has ended
+
+    @app.get("/session/{session_id}/assets/{name}")
+    async def session_file(session_id: str, name: str) -> Response:
+        if "/" in name or not (STATIC_FOLDER / "assets" / name).is_file():
+            raise HTTPException(404, "no such file")
+        return FileResponse(STATIC_FOLDER / "assets" / name)
+
+    @app.get("/session/{session_id}/favicon.svg")
+    async def session_icon(session_id: str) -> FileResponse:
+        return FileResponse(STATIC_FOLDER / "favicon.svg")
+
+    @app.get("/session/{session_id}/scenes/{name}")
+    def scene(session_id: str, name: str, request: Request) -> Response:
+        return _passed_on(port_of(session_id), f"/scenes/{name}", request)
+
+    @app.get("/session/{session_id}/sounds/{language}/{name}")
+    def sound(session_id: str, language: str, name: str, request: Request) -> Response:
+        return _passed_on(port_of(session_id), f"/sounds/{language}/{name}", request)
+
+
+PASSED_REQUEST_HEADERS = ("authorization", "if-none-match")
+PASSED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
+
+
+def _passed_on(port: int, path: str, request: Request) -> Response:
+    """Returns the response of a session's own server."""
+    if not all(character.isalnum() or character in "/._-" for character in path):
+        raise HTTPException(404, "no such file")
+    headers = {name: request.headers[name] for name in PASSED_REQUEST_HEADERS if name in request.headers}
+    connection = HTTPConnection("127.0.0.1", port, timeout=SESSION_TIMEOUT_S)
+    try:
+        connection.request("GET", path, headers=headers)
+        response = connection.getresponse()
+        passed = {name: value for name in PASSED_RESPONSE_HEADERS if (value := response.headers.get(name))}
+        return Response(response.read(), response.status, passed)
+    except (OSError, HttpError):
+        raise HTTPException(503, "this session is being restarted") from None
+    finally:
+        connection.close()

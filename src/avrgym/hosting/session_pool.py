@@ -1,0 +1,335 @@
+"""Processes of the running sessions: they are started, watched, replaced after a crash, and ended at their deadline."""
+
+import multiprocessing
+import secrets
+import statistics
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, Literal
+
+from avrgym.hosting.capacity import Capacity
+from avrgym.hosting.session_process import (
+    Ended,
+    FromHost,
+    FromSession,
+    MessageToParticipant,
+    Report,
+    SessionCommand,
+    SessionRequest,
+    run_session,
+)
+from avrgym.hosting.settings import HostSettings
+from avrgym.hosting.waiting_list import WaitingList, estimate_wait_s
+from avrgym.study.sessions.visit import has_remaining
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.child_processes import block_terminal_signals
+from avrgym.vr.protocol.messages import CommandName
+from avrgym.vr.server.session_links import new_link
+
+STEP_S = 0.2
+START_TIMEOUT_S = 120.0
+MAX_CRASHES = 5
+"""A session whose process has failed this often is not started again. The participant may start a new one."""
+END_TIMEOUT_S = 60.0
+"""Time for the questions after the session, after its deadline. Then its process ends."""
+ID_BYTES = 12
+SECONDS_PER_ITEM = 10.0
+SECONDS_BEFORE_TRIALS = 180.0
+"""Assumed time for the headset check and calibration, for estimates before any session was measured."""
+
+State = Literal["starting", "running", "ending"]
+
+
+@dataclass
+class HostedSession:
+    """One running session. ``id``: part of its address. ``link``: the participant's token, also after a crash."""
+
+    id: str
+    pseudonym: str
+    link: str
+    trials: int
+    process: BaseProcess
+    pipe: Connection
+    began_s: float
+    state: State = "starting"
+    report: Report = field(default_factory=lambda: Report(0))
+    crashes: int = 0
+    process_began_s: float = 0.0
+    absent_since_s: float | None = None
+    ends_at_s: float | None = None
+    error: str = ""
+
+    @property
+    def port(self) -> int | None:
+        """The loopback port of the session's server; ``None`` while its process starts."""
+        return self.report.port or None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place on the waiting list. ``wait_s``: estimated waiting time."""
+
+    position: int
+    wait_s: float
+
+
+class SessionPool:
+    """Context manager: the running sessions and the waiting list of a study. Thread-safe."""
+
+    def __init__(
+        self,
+        store: Store,
+        settings: HostSettings,
+        max_sessions: int | None = None,
+        *,
+        run: Callable[[SessionRequest, Connection], None] = run_session,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``run``: the function that runs in a session's process."""
+        self._store, self._settings, self._run, self._clock = store, settings, run, clock
+        self.capacity = Capacity(max_sessions)
+        self._waiting = WaitingList()
+        self._sessions: dict[str, HostedSession] = {}
+        self._failed: dict[str, str] = {}
+        self._durations_s: deque[float] = deque(maxlen=50)
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="sessions", daemon=True)
+        self._processes = _process_context()
+
+    def __enter__(self) -> "SessionPool":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        self._thread.join()
+        for session in self._sessions.values():
+            session.pipe.close()  # each process then closes its session
+        for session in self._sessions.values():
+            session.process.join(END_TIMEOUT_S)
+            if session.process.is_alive():
+                session.process.kill()
+
+    # For the web applications -----------------------------------------------------------------------------------------
+
+    @property
+    def sessions(self) -> list[HostedSession]:
+        """The running sessions in the order of their start."""
+        with self._lock:
+            return list(self._sessions.values())
+
+    @property
+    def waiting(self) -> int:
+        """Number of participants who wait."""
+        return len(self._waiting)
+
+    def find(self, session_id: str) -> HostedSession | None:
+        """Returns the session with this id; ``None`` for an unknown id."""
+        return self._sessions.get(session_id)
+
+    def session_of(self, pseudonym: str) -> HostedSession | None:
+        """Returns the running session of a participant; ``None`` without one."""
+        with self._lock:
+            return next((each for each in self._sessions.values() if each.pseudonym == pseudonym), None)
+
+    def error_of(self, pseudonym: str) -> str:
+        """Returns the reason why the latest session of a participant failed; empty otherwise."""
+        return self._failed.get(pseudonym, "")
+
+    def join(self, pseudonym: str) -> Place | None:
+        """Add a participant to the waiting list, or keep the place. Returns ``None`` if a session runs.
+
+        Raises:
+            StudyError: if no trial remains.
+        """
+        with self._lock:
+            if self.session_of(pseudonym) is not None:
+                return None
+            if pseudonym not in self._waiting and not has_remaining(self._store, pseudonym):
+                raise StudyError(f"{pseudonym} has completed every trial")
+            self._failed.pop(pseudonym, None)
+            self._waiting.join(pseudonym, self._clock())
+            return self.place(pseudonym)
+
+    def place(self, pseudonym: str) -> Place | None:
+        """Returns the place of a participant who waits; ``None`` for another participant."""
+        with self._lock:
+            if pseudonym not in self._waiting:
+                return None
+            position, now_s = self._waiting.position(pseudonym), self._clock()
+            remaining = [self._remaining_s(each, now_s) for each in self._sessions.values()]
+            return Place(
+                position, estimate_wait_s(position, remaining, self.session_s, self.capacity.sessions)
+            )
+
+    def leave(self, pseudonym: str) -> None:
+        """Remove a participant from the waiting list."""
+        with self._lock:
+            self._waiting.leave(pseudonym)
+
+    def command(self, session_id: str, name: CommandName) -> None:
+        """Send a command to a session. Raises ``StudyError`` without a running session of this id."""
+        self._send(session_id, SessionCommand(name))
+
+    def message(self, session_id: str, text: str) -> None:
+        """Show a message on a participant's page. Raises ``StudyError`` without a running session of this id."""
+        self._send(session_id, MessageToParticipant(text))
+
+    @property
+    def session_s(self) -> float:
+        """Estimated duration of a session: the median of the measured ones, or else computed from the design."""
+        if self._durations_s:
+            return statistics.median(self._durations_s)
+        design = self._store.design
+        trial_s = 0.1 * design.trial_steps + 2.0 * design.free_movement_s
+        items_s = SECONDS_PER_ITEM * len(design.items_at("after_trial"))
+        trials = len(design.tasks) * len(design.robot_policy_pairs)
+        practice_s = len(design.tasks) * trial_s if design.practice_policy else 0.0
+        planned_s = SECONDS_BEFORE_TRIALS + practice_s + trials * (trial_s + items_s)
+        return min(planned_s, 60.0 * self._settings.session_minutes)
+
+    # The thread -------------------------------------------------------------------------------------------------------
+
+    def _watch(self) -> None:
+        while not self._closed.is_set():
+            with self._lock:
+                pipes = [each.pipe for each in self._sessions.values() if not each.pipe.closed]
+                sentinels = [each.process.sentinel for each in self._sessions.values()]
+            if sentinels:
+                wait([*pipes, *sentinels], STEP_S)
+                time.sleep(STEP_S / 4.0)  # several reports at once
+            else:
+                self._closed.wait(STEP_S)
+            with self._lock:
+                self._step(self._clock())
+
+    def _step(self, now_s: float) -> None:
+        for session in list(self._sessions.values()):
+            ended = self._receive(session)
+            if ended or not session.process.is_alive():
+                self._receive(session)
+                self._finish(session, now_s, ended=ended or session.state == "ending")
+            else:
+                self._enforce_times(session, now_s)
+        self._waiting.remove_absent(now_s)
+        self._admit(now_s)
+
+    def _receive(self, session: HostedSession) -> bool:
+        """Store the reports of a session. Returns whether it has ended as planned."""
+        with suppress(EOFError, OSError):
+            while session.pipe.poll():
+                received: FromSession = session.pipe.recv()
+                match received:
+                    case Ended():
+                        return True
+                    case Report():
+                        session.report = received
+                        session.state = "running" if session.state == "starting" else session.state
+                        self.capacity.observe(
+                            session.id, received.seconds, received.cpu_share, received.missed_ticks
+                        )
+                    case str():
+                        session.error = received
+        return False
+
+    def _finish(self, session: HostedSession, now_s: float, *, ended: bool) -> None:
+        """Remove a session that has ended. Replace the process of one that has crashed."""
+        session.pipe.close()
+        self.capacity.forget(session.id)
+        if not ended:
+            session.crashes += 1
+            if session.crashes < MAX_CRASHES and not session.error:
+                self._replace_process(session, now_s)
+                return
+            self._failed[session.pseudonym] = session.error or "the session has failed"
+        else:
+            self._durations_s.append(now_s - session.began_s)
+        session.process.join(STEP_S)
+        del self._sessions[session.id]
+
+    def _enforce_times(self, session: HostedSession, now_s: float) -> None:
+        if session.state == "starting":
+            if now_s - session.process_began_s > START_TIMEOUT_S:
+                session.process.kill()
+            return
+        is_present = session.report.is_connected
+        session.absent_since_s = None if is_present else session.absent_since_s or now_s
+        absent_s = 0.0 if session.absent_since_s is None else now_s - session.absent_since_s
+        if session.ends_at_s is not None:
+            if now_s > session.ends_at_s + END_TIMEOUT_S:
+                session.process.kill()
+            elif now_s > session.ends_at_s:
+                session.pipe.close()  # the process then closes the session
+        elif now_s - session.began_s > 60.0 * self._settings.session_minutes:
+            self._end(session, now_s + END_TIMEOUT_S)
+        elif absent_s > 60.0 * self._settings.absence_minutes:
+            self._end(session, now_s)
+
+    def _end(self, session: HostedSession, ends_at_s: float) -> None:
+        session.state, session.ends_at_s = "ending", ends_at_s
+        with suppress(OSError):
+            session.pipe.send(SessionCommand("end"))
+
+    def _admit(self, now_s: float) -> None:
+        """Start the session of the participant who waits longest, if the capacity permits. One starts at a time."""
+        if any(each.state == "starting" for each in self._sessions.values()):
+            return
+        pseudonym = self._waiting.next()
+        if pseudonym is None or not self.capacity.admits(len(self._sessions)):
+            return
+        self._waiting.leave(pseudonym)
+        trials = len(self._store.remaining_trials(pseudonym))
+        session_id, link = secrets.token_hex(ID_BYTES), new_link()
+        process, pipe = self._start_process(pseudonym, link)
+        self._sessions[session_id] = HostedSession(
+            session_id, pseudonym, link, trials, process, pipe, now_s, process_began_s=now_s
+        )
+
+    def _replace_process(self, session: HostedSession, now_s: float) -> None:
+        session.process, session.pipe = self._start_process(session.pseudonym, session.link)
+        session.state, session.report = "starting", Report(0)
+        session.process_began_s, session.absent_since_s = now_s, None
+
+    def _start_process(self, pseudonym: str, link: str) -> tuple[BaseProcess, Connection]:
+        request = SessionRequest(self._store.folder, pseudonym, link, self._settings.headset_check)
+        pipe, theirs = self._processes.Pipe()
+        process = self._processes.Process(target=self._run, args=(request, theirs))
+        with block_terminal_signals():
+            process.start()
+        theirs.close()
+        return process, pipe
+
+    def _send(self, session_id: str, command: FromHost) -> None:
+        with self._lock:
+            session = self.find(session_id)
+            if session is None or session.state == "starting":
+                raise StudyError(f"no session {session_id} runs; reload the page to see the running sessions")
+            with suppress(OSError):
+                session.pipe.send(command)
+
+    def _remaining_s(self, session: HostedSession, now_s: float) -> float:
+        """Estimated remaining time of a session, from its progress."""
+        elapsed_s = now_s - session.began_s
+        report = session.report
+        left = max(report.trials - report.trial + 1, 0) if report.trials else session.trials
+        by_trials = self.session_s * left / max(session.trials, 1)
+        deadline_s = 60.0 * self._settings.session_minutes + END_TIMEOUT_S - elapsed_s
+        return min(by_trials, max(deadline_s, 0.0))
+
+
+def _process_context() -> Any:
+    """Returns the context that starts processes: they are forked from a server that has imported the modules."""
+    if sys.platform == "win32":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["avrgym.hosting.session_process"])
+    return context

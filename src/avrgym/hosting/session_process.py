@@ -1,0 +1,208 @@
+"""One participant's session in its own process, with the server and the session of ``avrgym serve``.
+
+The process listens on a free loopback port. It reports its state to the host through a pipe once a second, and receives
+commands through the same pipe. It ends when the session has ended, or when the host closes the pipe.
+"""
+
+import signal
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.sessions.threads import StorageThread
+from avrgym.study.storage.identity_file import FOLDER as PRIVATE
+from avrgym.study.storage.sessions import record_session_event
+from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import Command, CommandName, Message, Phase, Problem, Status, Timing
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.session_links import SessionLinks
+from avrgym.vr.server.sound_files import SOUNDS_FOLDER
+
+REPORT_INTERVAL_S = 1.0
+POLL_INTERVAL_S = 0.1
+
+
+@dataclass(frozen=True)
+class SessionRequest:
+    """The session to run. ``link``: the token of the participant's page. ``headset_check``: check the headset first."""
+
+    folder: Path
+    pseudonym: str
+    link: str
+    headset_check: bool = True
+
+
+@dataclass(frozen=True)
+class Report:
+    """The state of a running session.
+
+    ``port``: the loopback port of its server. ``seconds``: time since the start. ``cpu_share``: processor time of the
+    last second as a share of one core. ``missed_ticks``: ticks given up since the start. ``latency_ms``: median from
+    tracking to display, if known. ``untracked_share``: share of the time in trials in which a required body part was
+    not tracked. ``problem``: the latest message of an error to the experimenter.
+    """
+
+    port: int
+    phase: str = "starting"
+    trial: int = 0
+    trials: int = 0
+    is_connected: bool = False
+    paused: bool = False
+    seconds: float = 0.0
+    cpu_share: float = 0.0
+    missed_ticks: int = 0
+    tick_ms: float = 0.0
+    latency_ms: float | None = None
+    untracked_share: float = 0.0
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The session has ended, and its end is stored."""
+
+
+@dataclass(frozen=True)
+class SessionCommand:
+    """A command of an experimenter or of the host to the session."""
+
+    name: CommandName
+
+
+@dataclass(frozen=True)
+class MessageToParticipant:
+    """A message that the participant's page shows."""
+
+    text: str
+
+
+FromHost = SessionCommand | MessageToParticipant
+FromSession = Report | Ended | str
+"""A text is the error that prevents the start of the session."""
+
+
+class Observation:
+    """Collects the state of a session from its messages to clients."""
+
+    def __init__(self) -> None:
+        self.latest = Report(0)
+        self._statuses = self._untracked = 0
+
+    def wrap(self, send: Callable[[Message], None]) -> Callable[[Message], None]:
+        """Returns a function that sends a message, after its contents were collected."""
+
+        def observed(message: Message) -> None:
+            self._collect(message)
+            send(message)
+
+        return observed
+
+    def _collect(self, message: Message) -> None:
+        match message:
+            case Phase():
+                self.latest = replace(
+                    self.latest, phase=message.name, trial=message.trial, trials=message.trials
+                )
+            case Timing():
+                self.latest = replace(
+                    self.latest, missed_ticks=message.missed_ticks, tick_ms=message.tick_ms_median
+                )
+            case Status():
+                self._collect_status(message)
+            case Problem(role="experimenter"):
+                self.latest = replace(self.latest, problem=message.message)
+            case _:
+                pass
+
+    def _collect_status(self, status: Status) -> None:
+        if status.phase == "trial":
+            self._statuses += 1
+            self._untracked += any(part in status.needed_parts for part in status.untracked_parts)
+        total = next((each.p50 for each in status.latency if each.stage == "total_ms"), None)
+        share = self._untracked / self._statuses if self._statuses else 0.0
+        self.latest = replace(self.latest, paused=status.paused, latency_ms=total, untracked_share=share)
+
+
+def run_session(request: SessionRequest, pipe: Connection) -> None:
+    """Run a session until it has ended. An error before the start is sent through the pipe as text."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host receives the signals of the terminal
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    observation, links = Observation(), SessionLinks()
+    try:
+        with (
+            Store(request.folder) as store,
+            ThreadPoolExecutor(1) as workers,
+            StorageThread() as storing,
+            Experimenters(store) as experimenters,
+            LiveServer(
+                lambda send: StudySessions(
+                    store,
+                    observation.wrap(send),
+                    workers,
+                    first=request.pseudonym,
+                    first_link=request.link,
+                    storing=storing,
+                    headset_check=request.headset_check,
+                    links=links,
+                ),
+                "127.0.0.1",
+                0,
+                tokens=StudyTokens.of_study(request.folder / PRIVATE / "tokens.json", experimenters, links),
+                sounds=request.folder / SOUNDS_FOLDER,
+                links=links,
+            ) as server,
+        ):
+            _watch(server, store, observation, pipe)
+    except (RuntimeError, ValueError, OSError) as error:
+        if isinstance(error, BrokenPipeError):  # the host has ended
+            return
+        pipe.send(str(error))
+        raise SystemExit(1) from None
+
+
+def _watch(
+    server: LiveServer[StudySessions], store: Store, observation: Observation, pipe: Connection
+) -> None:
+    """Report the session's state and pass commands, until the session or the host has ended."""
+    began_s = reported_s = time.monotonic()
+    used_s = time.process_time()
+    pipe.send(replace(observation.latest, port=server.port))
+    session_id = store.sessions(server.session.participant or "")[-1].id
+    while server.loop.error is None:
+        if pipe.poll(POLL_INTERVAL_S):
+            try:
+                command: FromHost = pipe.recv()
+            except (EOFError, ConnectionError):
+                return
+            _execute(command, server, store, session_id)
+        if server.session.participant is None:
+            pipe.send(Ended())
+            return
+        now_s = time.monotonic()
+        if now_s - reported_s >= REPORT_INTERVAL_S:
+            before_s, used_s = used_s, time.process_time()
+            pipe.send(
+                replace(
+                    observation.latest,
+                    port=server.port,
+                    is_connected=server.has_participant,
+                    seconds=now_s - began_s,
+                    cpu_share=(used_s - before_s) / (now_s - reported_s),
+                )
+            )
+            reported_s = now_s
+
+
+def _execute(command: FromHost, server: LiveServer[StudySessions], store: Store, session_id: int) -> None:
+    match command:
+        case SessionCommand():
+            server.loop.post(Command(name=command.name))
+        case MessageToParticipant():
+            server.send(Problem(command.text, "participant"))
+            record_session_event(store, session_id, "message to participant", command.text)

@@ -1,0 +1,70 @@
+"""Settings of a hosted study: the optional file ``host.toml`` in the study's folder."""
+
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
+
+import msgspec
+
+from avrgym.study.design.validation import Tables, ValidationError, parse_toml, read_text
+
+FILE = "host.toml"
+Line = Annotated[str, msgspec.Meta(max_length=500)]
+Minutes = Annotated[float, msgspec.Meta(gt=0, le=480)]
+
+
+class Ending(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a participant gets at the end: a code, or the address of a page that opens. Both may be empty."""
+
+    code: Line = ""
+    redirect: Line = ""
+
+
+class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Names of a recruitment service's parameters in the link. Default: those of Prolific."""
+
+    participant: Line = "PROLIFIC_PID"
+    study: Line = "STUDY_ID"
+    session: Line = "SESSION_ID"
+
+
+class HostSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings of a hosted study.
+
+    ``session_minutes``: maximum duration of a session. ``absence_minutes``: a session ends if the participant is away
+    for this time. ``headset_check``: sessions begin with the headset check. ``completed``, ``screened_out``,
+    ``withdrawn``: the endings.
+    """
+
+    session_minutes: Minutes = 90.0
+    absence_minutes: Minutes = 10.0
+    headset_check: bool = True
+    completed: Ending = Ending()
+    screened_out: Ending = Ending()
+    withdrawn: Ending = Ending()
+    parameters: Parameters = Parameters()
+
+
+ENDINGS = ("completed", "screened_out", "withdrawn")
+_TABLES: Tables = {**{(name,): Ending for name in ENDINGS}, ("parameters",): Parameters}
+
+
+def read_host_settings(folder: Path) -> HostSettings:
+    """Returns the settings of the study in a folder; the defaults without a file.
+
+    Raises:
+        DesignError: for an invalid file.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return HostSettings()
+    return parse_toml(read_text(path), str(path), HostSettings, _TABLES, _check)
+
+
+def _check(settings: HostSettings) -> None:
+    for name in ENDINGS:
+        redirect: str = getattr(settings, name).redirect
+        if redirect and urlsplit(redirect).scheme != "https":
+            raise ValidationError(
+                (name, "redirect"), f"{redirect!r} is not allowed; allowed: an https address"
+            )

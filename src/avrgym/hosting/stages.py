@@ -1,0 +1,135 @@
+"""What a participant at home does next, computed from the study's database and the running sessions."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.hosting.settings import Ending, HostSettings
+from avrgym.study.people.participants import consent_text, participant_texts
+from avrgym.study.storage.rows import Participant, StudyEvent
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all, find_participant, record_event
+
+SAFETY_CONFIRMED = "safety confirmed"
+DELETION_REQUESTED = "deletion requested"
+ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
+"""The ending of each final state of a participant; see ``HostSettings``."""
+
+
+class ConsentStage(msgspec.Struct, frozen=True, tag="consent"):
+    """The participant reads the consent text and decides. ``sha256``: checksum of the text."""
+
+    version: str
+    language: str
+    text: str
+    sha256: str
+
+
+class InclusionStage(msgspec.Struct, frozen=True, tag="inclusion"):
+    """The participant answers the inclusion questions: ids and texts."""
+
+    questions: tuple[tuple[str, str], ...]
+
+
+class SafetyStage(msgspec.Struct, frozen=True, tag="safety"):
+    """The participant prepares chair and room, and confirms this."""
+
+
+class ReadyStage(msgspec.Struct, frozen=True, tag="ready"):
+    """The participant can start a session. ``minutes``: expected duration. ``problem``: why the latest one failed.
+
+    ``trials``: number of remaining trials. ``is_open``: whether the experimenter permits new sessions.
+    """
+
+    minutes: int
+    trials: int
+    is_open: bool
+    problem: str = ""
+
+
+class WaitingStage(msgspec.Struct, frozen=True, tag="waiting"):
+    """The participant waits. ``ahead``: number of participants before. ``minutes``: estimated time, rounded up."""
+
+    ahead: int
+    minutes: int
+
+
+class SessionStage(msgspec.Struct, frozen=True, tag="session"):
+    """A session runs. ``path``: its page. ``token``: opens it."""
+
+    path: str
+    token: str
+
+
+class EndedStage(msgspec.Struct, frozen=True, tag="ended"):
+    """The study has ended for this participant. ``ending``: ``completed``, ``screened_out`` or ``withdrawn``."""
+
+    ending: str
+    code: str
+    redirect: str
+
+
+Stage = ConsentStage | InclusionStage | SafetyStage | ReadyStage | WaitingStage | SessionStage | EndedStage
+
+
+def stage_of(
+    store: Store, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
+) -> Stage:
+    """Returns the stage of a participant. ``is_open``: whether the experimenter permits new sessions.
+
+    Raises:
+        StudyError: for a participant whose state is unknown after a loss of the database.
+    """
+    participant = store.participant(pseudonym)
+    ending = ENDINGS.get(participant.state)
+    if ending is not None and not (ending == "completed" and pool.session_of(pseudonym)):
+        given: Ending = getattr(settings, ending)
+        return EndedStage(ending, given.code, given.redirect)
+    if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):
+        shown = consent_text(store, participant)
+        return ConsentStage(shown.version, shown.language, shown.text, shown.sha256)
+    if participant.state == "consented":
+        texts = participant_texts(store, participant)
+        asked = store.design.inclusion
+        return InclusionStage(tuple((each.id, texts.translate(each.text)) for each in asked))
+    if participant.state not in ("allocated", "completed"):
+        raise StudyError(f"{pseudonym} is {participant.state}; ask the experimenter")
+    if not has_confirmed_safety(store, participant):
+        return SafetyStage()
+    return _session_stage(store, pool, pseudonym, is_open=is_open)
+
+
+def _session_stage(store: Store, pool: SessionPool, pseudonym: str, *, is_open: bool) -> Stage:
+    session = pool.session_of(pseudonym)
+    if session is not None:
+        return SessionStage(f"session/{session.id}/", session.link)
+    place = pool.place(pseudonym)
+    if place is not None:
+        return WaitingStage(place.position, rounded_minutes(place.wait_s))
+    remaining = len(store.remaining_trials(pseudonym))
+    return ReadyStage(rounded_minutes(pool.session_s), remaining, is_open, pool.error_of(pseudonym))
+
+
+def rounded_minutes(seconds: float) -> int:
+    """Returns the time in minutes, rounded up."""
+    return -int(-seconds // 60.0)
+
+
+def has_confirmed_safety(store: Store, participant: Participant) -> bool:
+    """Returns whether the participant has confirmed the safety guide."""
+    with store.database.read() as connection:
+        return bool(find_all(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED))
+
+
+def record_participant_event(store: Store, pseudonym: str, name: str, detail: str = "") -> None:
+    """Store an event of a participant."""
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        record_event(connection, name, detail, {"participant": participant.number})
+
+
+def to_json(stage: Stage) -> dict[str, Any]:
+    """Returns the stage as JSON values; ``type`` is its name."""
+    return msgspec.to_builtins(stage)

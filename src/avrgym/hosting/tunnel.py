@@ -1,0 +1,252 @@
+"""WebSockets between browsers and the processes of sessions, passed on as bytes.
+
+A request to become a WebSocket at ``/session/ID/ws`` or ``/session/ID/watch`` is checked: its host, its origin, and the
+session's id. It is then repeated at the session's own server, and afterwards all bytes are copied in both directions.
+The session's server authenticates the client. All other requests are rejected by the web application.
+
+While the session's process starts, or is replaced after a crash, the tunnel waits for it.
+"""
+
+import asyncio
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, cast
+
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.vr.protocol.messages import Role
+from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.http_protocols import WebSocketProtocol
+
+PATH = re.compile(rb"GET /session/([0-9a-f]{24})/(ws|watch) HTTP/1\.1")
+FORWARDED_HEADERS = (
+    b"upgrade",
+    b"connection",
+    b"sec-websocket-key",
+    b"sec-websocket-version",
+    b"user-agent",
+)
+START_WAIT_S = 8.0
+"""Maximum waiting time for a session's process. The page gives up after 10 s, and connects again."""
+START_POLL_S = 0.1
+MAX_BUFFER_BYTES = 1 << 18
+"""Maximum number of waiting bytes in one direction. Above it, the other side is not read."""
+MAX_TUNNELS_PER_SESSION = 8
+
+
+@dataclass(frozen=True)
+class TunnelRules:
+    """The rules of one web server.
+
+    ``channels``: the last parts of allowed paths. ``origins``: allowed origins of pages; programs send none.
+    ``hosts``: allowed host headers. ``role``: the role of the connections, for the limits on connections.
+    """
+
+    pool: SessionPool
+    limiter: ConnectionLimiter
+    channels: tuple[str, ...]
+    origins: frozenset[str]
+    hosts: frozenset[str]
+    role: Role
+
+
+class Tunnels:
+    """Creates the protocols of connections that become WebSockets, and counts the tunnels of each session."""
+
+    def __init__(self, rules: TunnelRules) -> None:
+        self.rules = rules
+        self._open: dict[str, int] = {}
+
+    def protocol(self, config: Any, server_state: Any, app_state: Any, **_: Any) -> asyncio.Protocol:
+        """Returns the protocol of one connection; called by uvicorn."""
+        return _Upgrade(
+            self,
+            server_state.connections,
+            lambda: WebSocketProtocol(config=config, server_state=server_state, app_state=app_state),
+        )
+
+    def begin(self, session_id: str) -> bool:
+        """Count one more tunnel. Returns whether the session may have it."""
+        if self._open.get(session_id, 0) >= MAX_TUNNELS_PER_SESSION:
+            return False
+        self._open[session_id] = self._open.get(session_id, 0) + 1
+        return True
+
+    def end(self, session_id: str) -> None:
+        """Count one tunnel less."""
+        self._open[session_id] -= 1
+        if not self._open[session_id]:
+            del self._open[session_id]
+
+    def target(self, request: bytes) -> tuple[str, str] | None:
+        """Returns the session's id and the channel of a valid request; ``None`` for another request."""
+        line, *fields = request.split(b"\r\n")
+        match = PATH.fullmatch(line)
+        if match is None:
+            return None
+        found = headers_of(fields)
+        host, origin = found.get(b"host", b"").decode("latin-1"), found.get(b"origin", b"").decode("latin-1")
+        channel = match[2].decode()
+        valid = host in self.rules.hosts and (not origin or origin in self.rules.origins)
+        session_id = match[1].decode()
+        if not valid or channel not in self.rules.channels or self.rules.pool.find(session_id) is None:
+            return None
+        return session_id, channel
+
+
+def headers_of(lines: list[bytes]) -> dict[bytes, bytes]:
+    """Returns the headers of a request by lower-case name. Of repeated headers, the last one."""
+    pairs = (line.partition(b":") for line in lines if line)
+    return {name.strip().lower(): value.strip() for name, _, value in pairs}
+
+
+class _Upgrade(asyncio.Protocol):
+    """A connection that becomes a WebSocket: a tunnel, or the application's protocol, which rejects it."""
+
+    def __init__(
+        self, tunnels: Tunnels, connections: set[Any], make_other: Callable[[], asyncio.Protocol]
+    ) -> None:
+        self._tunnels, self._connections, self._make_other = tunnels, connections, make_other
+        self._chosen: asyncio.Protocol | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.Transport, transport)
+
+    def data_received(self, data: bytes) -> None:
+        if self._chosen is None:
+            target = self._tunnels.target(data)
+            if target is not None and self._tunnels.begin(target[0]):
+                self._chosen = _Tunnel(self._tunnels, self._connections, *target)
+            else:
+                self._chosen = self._make_other()
+            self._chosen.connection_made(self._transport)
+        self._chosen.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        return self._chosen.eof_received() if self._chosen is not None else None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._chosen is not None:
+            self._chosen.connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        if self._chosen is not None:
+            self._chosen.pause_writing()
+
+    def resume_writing(self) -> None:
+        if self._chosen is not None:
+            self._chosen.resume_writing()
+
+
+class _Tunnel(asyncio.Protocol):
+    """The browser's side of a tunnel. ``connections``: the server's open connections, which it closes at its end."""
+
+    def __init__(self, tunnels: Tunnels, connections: set[Any], session_id: str, channel: str) -> None:
+        self._tunnels, self._connections = tunnels, connections
+        self._id, self._channel = session_id, channel
+        self._other: _SessionSide | None = None
+        self._waiting: list[bytes] = []
+        self._connecting: asyncio.Task[None] | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.Transport, transport)
+        self.transport.set_write_buffer_limits(MAX_BUFFER_BYTES)
+        self._connections.add(self)
+        host, port = self.transport.get_extra_info("peername")[:2]
+        rules = self._tunnels.rules
+        rules.limiter.authenticate({"type": "websocket", "client": (host, port)}, rules.role)
+
+    def data_received(self, data: bytes) -> None:
+        if self._connecting is None:
+            self._connecting = asyncio.create_task(self._connect(data))
+        elif self._other is None:
+            self._waiting.append(data)
+            if sum(map(len, self._waiting)) > MAX_BUFFER_BYTES:
+                self.transport.abort()
+        else:
+            self._other.transport.write(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._tunnels.end(self._id)
+        self._connections.discard(self)
+        if self._connecting is not None:
+            self._connecting.cancel()
+        if self._other is not None:
+            self._other.transport.close()
+
+    def shutdown(self) -> None:
+        """Close the tunnel; called by uvicorn when the server stops."""
+        self.transport.close()
+
+    def pause_writing(self) -> None:
+        if self._other is not None:
+            self._other.transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        if self._other is not None:
+            self._other.transport.resume_reading()
+
+    async def _connect(self, request: bytes) -> None:
+        port = await self._port()
+        if port is None:
+            self.transport.write(
+                b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+            )
+            self.transport.close()
+            return
+        try:
+            _, other = await asyncio.get_running_loop().create_connection(
+                lambda: _SessionSide(self.transport), "127.0.0.1", port
+            )
+        except OSError:
+            self.transport.close()
+            return
+        other.transport.write(_repeated(request, self._channel, port))
+        for data in self._waiting:
+            other.transport.write(data)
+        self._other, self._waiting = other, []
+
+    async def _port(self) -> int | None:
+        """Wait for the session's process. Returns its port, or ``None`` if it has ended or does not start."""
+        for _ in range(int(START_WAIT_S / START_POLL_S)):
+            session = self._tunnels.rules.pool.find(self._id)
+            if session is None:
+                return None
+            if session.port is not None and session.process.is_alive():
+                return session.port
+            await asyncio.sleep(START_POLL_S)
+        return None
+
+
+class _SessionSide(asyncio.Protocol):
+    """The session's side of a tunnel."""
+
+    def __init__(self, browser: asyncio.Transport) -> None:
+        self._browser = browser
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.Transport, transport)
+        self.transport.set_write_buffer_limits(MAX_BUFFER_BYTES)
+
+    def data_received(self, data: bytes) -> None:
+        self._browser.write(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._browser.close()
+
+    def pause_writing(self) -> None:
+        with suppress(RuntimeError):
+            self._browser.pause_reading()
+
+    def resume_writing(self) -> None:
+        with suppress(RuntimeError):
+            self._browser.resume_reading()
+
+
+def _repeated(request: bytes, channel: str, port: int) -> bytes:
+    """Returns the request for the session's own server. Other headers, such as cookies, are removed."""
+    found = headers_of(request.split(b"\r\n")[1:])
+    lines = [f"GET /{channel} HTTP/1.1".encode(), f"host: localhost:{port}".encode()]
+    lines += [name + b": " + found[name] for name in FORWARDED_HEADERS if name in found]
+    return b"\r\n".join([*lines, b"", b""])

@@ -1,0 +1,62 @@
+"""Participants who wait for a free session, in the order of their arrival, and their estimated waiting time."""
+
+import heapq
+from collections.abc import Sequence
+
+PRESENCE_TIMEOUT_S = 30.0
+"""A participant whose page has not asked for this time loses the place. The page asks every few seconds."""
+
+
+class WaitingList:
+    """Participants in order of arrival."""
+
+    def __init__(self) -> None:
+        self._seen_s: dict[str, float] = {}
+
+    def __len__(self) -> int:
+        return len(self._seen_s)
+
+    def __contains__(self, pseudonym: str) -> bool:
+        return pseudonym in self._seen_s
+
+    def join(self, pseudonym: str, now_s: float) -> None:
+        """Add a participant at the end, or note that a waiting participant is present."""
+        self._seen_s[pseudonym] = now_s
+
+    def leave(self, pseudonym: str) -> None:
+        """Remove a participant, if they wait."""
+        self._seen_s.pop(pseudonym, None)
+
+    def position(self, pseudonym: str) -> int:
+        """Returns the number of participants before this one."""
+        return list(self._seen_s).index(pseudonym)
+
+    def remove_absent(self, now_s: float) -> None:
+        """Remove participants whose page is closed."""
+        self._seen_s = {
+            each: seen_s for each, seen_s in self._seen_s.items() if now_s - seen_s < PRESENCE_TIMEOUT_S
+        }
+
+    def next(self) -> str | None:
+        """Returns the participant who waits longest; ``None`` if nobody waits."""
+        return next(iter(self._seen_s), None)
+
+
+def estimate_wait_s(position: int, remaining_s: Sequence[float], session_s: float, sessions: int) -> float:
+    """Returns the estimated time until a participant's session starts, in seconds.
+
+    Each place becomes free when its session ends; the participants before take the places in order.
+
+    Args:
+        position: number of participants before.
+        remaining_s: estimated remaining time of each running session.
+        session_s: estimated duration of a session.
+        sessions: number of sessions that can run at once.
+    """
+    ends_s = [0.0] * max(sessions - len(remaining_s), 0) + [max(each, 0.0) for each in remaining_s]
+    heapq.heapify(ends_s)
+    for _ in range(max(len(remaining_s) - sessions, 0)):  # more sessions run than can start now
+        heapq.heappop(ends_s)
+    for _ in range(position):
+        heapq.heapreplace(ends_s, ends_s[0] + session_s)
+    return ends_s[0]
