@@ -12,6 +12,7 @@ import pytest
 from fastapi.routing import APIRoute
 from playwright.sync_api import Page, expect, sync_playwright
 
+from avrgym.recording.input_profile import InputProfile
 from avrgym.study.checking.summary import summarise_results
 from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
 from avrgym.study.people.participants import withdraw
@@ -21,6 +22,7 @@ from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.authentication import Caller, Tokens
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
+from helpers.browser.accessibility import violations
 from helpers.studies.small_studies import (
     METRICS,
     eligible_answers,
@@ -303,13 +305,24 @@ def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> 
     number = len(store.participants()) + 1
     press(page, "Enrol somebody")
     page.get_by_label("Body model").press("w")
-    page.locator("#enrol").get_by_label("Name").press_sequentially("Ada Example")
+    form = page.locator("#enrol")
+    expect(form.get_by_label("Dwell, s")).to_be_hidden()
+    form.get_by_label("Input").press_sequentially("head")
+    form.get_by_label("Dwell, s").fill("0.7")
+    form.get_by_role("group", name="Amputated arms").get_by_label("left").press("Space")
+    form.get_by_label("a signal to the experimenter").press("Space")
+    form.get_by_label("Name").press_sequentially("Ada Example")
     page.keyboard.press("Enter")
     pseudonym = f"sub-{number:03}"
     expect(page.locator("#participant-heading")).to_be_focused()
     expect(page.locator("#participant-heading")).to_have_text(pseudonym)
     expect(page.get_by_role("row", name=pseudonym)).to_contain_text("enrolled")
     assert "Ada" not in page.content()
+    chosen = InputProfile("head", dwell_s=0.7, absent_arms=("left",), stops=("gaze", "experimenter"))
+    assert store.participant(pseudonym).input_profile == chosen
+    page.evaluate("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+    expect(page.locator("#input").get_by_label("Dwell, s")).to_have_value("0.7")
+    assert violations(page) == []
 
     page.get_by_label("They have read version 1 and agree").press("Space")
     page.get_by_role("button", name="Record consent").press("Enter")

@@ -7,11 +7,15 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, FloatRect, Locator, Page
 
+from avrgym.models.human import SKIN_TONES
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
+    Body,
+    CommandLabel,
     Message,
     Phase,
+    RobotCommands,
     Role,
     Scene,
     State,
@@ -36,6 +40,8 @@ RECTANGLES = """(ids) => ids.map((id) => {
     const { left, top, right, bottom } = document.getElementById(id).getBoundingClientRect();
     return [left, top, right, bottom];
 })"""
+VISIBLE_CONTROLS = """[...document.querySelectorAll("button, select, input")]
+    .filter((each) => each.getClientRects().length).map(({ id, textContent }) => id || textContent)"""
 UNCOVERED = """(button) => {
     const { left, top, right, bottom } = button.getBoundingClientRect();
     return [[left + 12, top + 12], [right - 12, top + 12], [(left + right) / 2, (top + bottom) / 2],
@@ -148,12 +154,16 @@ def test_an_experimenter_has_the_stop_before_the_robot_moves(browser: Browser, s
     staged.page.close()
 
 
-def test_spectators_have_no_stop_button(browser: Browser, said: list[Message]) -> None:
+@pytest.mark.parametrize("role", ["spectator", "caregiver"])
+def test_pages_of_watchers_show_no_choices(role: Role, browser: Browser, said: list[Message]) -> None:
+    """Watchers choose only their view. Body, commands and the stop are choices of other pages."""
     page = browser.new_page()
-    staged = StagedPage(page, [welcome("spectator"), *said])
+    commands = RobotCommands([CommandLabel("wait", "Wait")], ["caregiver", "experimenter"], "", 1.0, 0.15)
+    body = Body("woman", next(iter(SKIN_TONES)), list(SKIN_TONES), list(SKIN_TONES.values()))
+    staged = StagedPage(page, [welcome(role), body, *said, commands])
     staged.open("spectator")
     page.get_by_text("of 1000").wait_for()
-    assert page.get_by_role("button", name=NAME).count() == 0
+    assert page.evaluate(VISIBLE_CONTROLS) == ["from-inside"]
     page.close()
 
 

@@ -9,7 +9,7 @@ import {
   type Study,
 } from "./study-api";
 import { AdverseEventForm } from "./adverse-event-form";
-import { InputForm } from "./input-form";
+import { InputFields } from "./input-form";
 import {
   adverseEventsTable,
   answeredItems,
@@ -71,7 +71,8 @@ export class Dashboard {
   private readonly shown = new Map<string, string>();
   private work = Promise.resolve();
   private readonly adverseEvent = new AdverseEventForm(element("adverse-event"));
-  private readonly input = new InputForm(element("input"), element<HTMLFormElement>("enrol").elements.namedItem("method") as HTMLSelectElement);
+  private readonly input = new InputFields(element("input"));
+  private readonly firstInput = new InputFields(element("enrol"));
 
   constructor(private readonly study: Study) {
     this.onSubmit("enrol", (form) => this.enrol(form));
@@ -157,7 +158,7 @@ export class Dashboard {
       sex: field(form, "sex"),
       age_years: age ? Number(age) : null,
       language: field(form, "language"),
-      input: { method: field(form, "method") },
+      input: this.firstInput.profile(),
       ...identityIn(form),
     });
     form.reset();
@@ -207,7 +208,7 @@ export class Dashboard {
     this.showTable("participants", participantsTable(summary.participants, live), (name) => this.chooser(name));
     this.showFurniture(this.person?.furniture ?? furniture);
     this.adverseEvent.offerScales(overview.scales);
-    this.input.offer(overview.input_stops);
+    for (const fields of [this.input, this.firstInput]) fields.offer(overview.input_stops);
     element("scales-words").textContent = overview.scales_words;
   }
 

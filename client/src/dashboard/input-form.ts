@@ -1,3 +1,5 @@
+import { CONTROLLERS } from "../input/input-profile";
+import { element } from "../page/dom";
 import type { InputProfile } from "./study-api";
 
 const STOP_TEXTS: Readonly<Record<string, string>> = {
@@ -20,24 +22,34 @@ export function fontSizes(itemDeg: number): string {
   return `${sizes.join(", ")}.`;
 }
 
-/** The form for a participant's input profile. */
-export class InputForm {
+/** The fields of a form for a participant's input profile. A new form shows the default profile. */
+export class InputFields {
   private stops: Readonly<Record<string, string[]>> = {};
   private shown = "";
 
-  /** `methods` offers the same methods in the form for enrolment. */
-  constructor(
-    private readonly form: HTMLFormElement,
-    methods: HTMLSelectElement,
-  ) {
-    this.method.append(...(methods.cloneNode(true) as HTMLSelectElement).options);
+  /** Adds the fields to a form. */
+  constructor(private readonly form: HTMLFormElement) {
+    const fields = element<HTMLTemplateElement>("input-template").content.cloneNode(true);
+    form.querySelector(".input-fields")!.append(fields);
+    this.part("font-sizes").id = `${form.id}-font-sizes`;
+    this.field("text_deg").setAttribute("aria-describedby", this.part("font-sizes").id);
     this.field("text_deg").addEventListener("input", () => this.showFontSizes());
-    this.method.addEventListener("change", () => this.offerStops(this.stops[this.method.value]!.slice(0, 1)));
+    this.method.addEventListener("change", () => this.changeMethod());
+    form.addEventListener("reset", () => setTimeout(() => this.showDefaults()));
+    form.addEventListener("invalid", ({ target }) => showField(target as Element), true);
+    this.showDefaults();
   }
 
   /** Sets the ways to stop of each method. */
   offer(stops: Readonly<Record<string, string[]>>): void {
+    const isFirst = Object.keys(this.stops).length === 0;
     this.stops = stops;
+    if (isFirst) this.changeMethod();
+  }
+
+  private showDefaults(): void {
+    this.fill(CONTROLLERS);
+    this.shown = "";
   }
 
   /** Fills in a profile, unless it is shown already. */
@@ -45,9 +57,14 @@ export class InputForm {
     const key = JSON.stringify([profile, participant]);
     if (key === this.shown) return;
     this.shown = key;
+    this.fill(profile);
+  }
+
+  private fill(profile: InputProfile): void {
     for (const name of ["method", "dwell_s", "scan_s", "select_key"] as const) this.field(name).value = String(profile[name]);
     for (const name of ["resting_arms", "absent_arms"] as const)
       for (const box of this.boxes(name)) box.checked = profile[name].includes(box.value as "left" | "right");
+    this.showDurations();
     this.offerStops(profile.stops ?? []);
     const { presentation } = profile;
     for (const name of [...NUMBERS, ...CHOICES]) this.field(name).value = String(presentation[name]);
@@ -74,12 +91,24 @@ export class InputForm {
   }
 
   private showFontSizes(): void {
-    this.form.querySelector("#font-sizes")!.textContent = fontSizes(Number(this.field("text_deg").value));
+    this.part("font-sizes").textContent = fontSizes(Number(this.field("text_deg").value));
+  }
+
+  private changeMethod(): void {
+    this.showDurations();
+    const possible = this.stops[this.method.value] ?? [];
+    this.offerStops(this.method.value === "experimenter" ? possible : possible.slice(0, 1));
+  }
+
+  /** Shows the fields of the chosen method only. */
+  private showDurations(): void {
+    for (const label of this.form.querySelectorAll<HTMLElement>("[data-method]"))
+      label.hidden = label.dataset["method"] !== this.method.value;
   }
 
   private offerStops(chosen: readonly string[]): void {
     const choices = (this.stops[this.method.value] ?? []).map((way) => choice(way, chosen.includes(way)));
-    const group = this.form.querySelector("#input-stops")!;
+    const group = this.part("stops");
     group.replaceChildren(group.querySelector("legend")!, ...choices);
   }
 
@@ -89,6 +118,10 @@ export class InputForm {
 
   private boxes(name: string): HTMLInputElement[] {
     return [...this.form.querySelectorAll<HTMLInputElement>(`input[name=${name}]`)];
+  }
+
+  private part(name: string): HTMLElement {
+    return this.form.querySelector<HTMLElement>(`[data-part=${name}]`)!;
   }
 
   private get method(): HTMLSelectElement {
@@ -109,4 +142,10 @@ function choice(value: string, checked: boolean): HTMLLabelElement {
   words.textContent = STOP_TEXTS[value] ?? value;
   label.append(box, words);
   return label;
+}
+
+/** Opens the folded part of a form that contains a field. */
+function showField(field: Element): void {
+  const folded = field.closest("details");
+  if (folded) folded.open = true;
 }

@@ -57,10 +57,11 @@ export class RobotCommandInput {
     this.group.hidden = !this.offered.length || !this.sources.includes(source);
   }
 
-  /** Whether a number key gives a command. It gives none in text fields. */
+  /** Whether a number key gives a command. It gives none in text fields, and none on pages that may not command. */
   takesKey(event: KeyboardEvent): boolean {
     const isTyping = event.target instanceof Element && event.target.closest("input, textarea, select") !== null;
-    const name = isTyping ? null : commandOfKey(event, this.offered);
+    const isRefused = this.watcher !== null && !this.sources.includes(this.watcher);
+    const name = isTyping || isRefused ? null : commandOfKey(event, this.offered);
     if (name) this.give(name, "key");
     return name !== null;
   }

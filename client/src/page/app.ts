@@ -107,7 +107,8 @@ export class App {
       answer: (value) => this.choices.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
-    this.robotCommands = new RobotCommandInput(element("robot-commands"), (message) => this.send(message));
+    const watcher = isSpectator ? "experimenter" : null;
+    this.robotCommands = new RobotCommandInput(element("robot-commands"), (message) => this.send(message), watcher);
     this.desktop = new DesktopControls(this.page.view, this.page.handButtons);
     this.view = new View(this.page.view, this.page.card, detail);
     this.robotPointer = new RobotPointer(this.view.scene);
@@ -171,6 +172,12 @@ export class App {
     return this.phase?.name === "viewing";
   }
 
+  /** Whether this page offers choices: the participant's page, and the experimenter's own page. */
+  private get mayChoose(): boolean {
+    const isDashboard = document.body.classList.contains("embedded");
+    return !this.isSpectator || (this.welcome?.role === "experimenter" && !isDashboard);
+  }
+
   /** Whether somebody takes part on this page, in VR or without a headset. */
   private get participates(): boolean {
     return this.presenting || this.desktop.playing;
@@ -219,7 +226,7 @@ export class App {
     if (message.type === "scene") void this.onScene(message);
     if (message.type === "input") this.onInput(message);
     if (message.type === "pressed") this.choices.pressRemotely(message);
-    if (message.type === "robot_commands") this.robotCommands.show(message);
+    if (message.type === "robot_commands" && this.mayChoose) this.robotCommands.show(message);
     if (message.type === "phase") this.onPhase(message);
     if (message.type === "question" && !this.isSpectator) this.choices.ask(message);
     if (message.type === "problem") this.notice.show(message);
@@ -464,7 +471,7 @@ export class App {
     const { questionnaire, staged, segment } = this.choices;
     const question = link === "connected" ? questionnaire.question : null;
     const { answered } = questionnaire;
-    const body = this.welcome?.role === "spectator" ? null : this.body;
+    const body = this.mayChoose ? this.body : null;
     const message = problem && textFor(input, problem.message, problem.messages_by_input, problem.page_message);
     const counted = { secondsLeft, participates, input, staged, segment };
     const display: DisplayState = { texts, link, code, phase, body, question, answered, problem: message, ...counted };
