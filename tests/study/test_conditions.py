@@ -1,5 +1,6 @@
 """Conditions of a study with the same policy: autonomous, and paced by participants with their own preferences."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,13 +20,16 @@ from avrgym.study.dashboard.views import participant_view
 from avrgym.study.design.design import DesignError
 from avrgym.study.people.preferences import preferences_of, record_preferences
 from avrgym.study.sessions.simulation import simulate_study
-from avrgym.study.sessions.visit import plan_session
+from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.settings import Settings
+from avrgym.vr.protocol.messages import Answer, ChangePreferences
 from avrgym.vr.session.phases.preparing import trial_text
+from avrgym.vr.session.preference_questions import QUESTIONS
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
+from helpers.vr.visit import Visit
 
 CONDITIONS = """
 [conditions.autonomous]
@@ -87,6 +91,28 @@ def test_participants_read_their_preferences_before_a_trial(tmp_path: Path) -> N
         }
         assert shown.preferences_words in str(texts["participant_paced"].values["goal"])
         assert "speed" not in str(texts["autonomous"].values["goal"])
+
+
+def test_a_change_by_the_participant_is_stored_for_later_sessions(tmp_path: Path) -> None:
+    with Store(study_with_conditions(tmp_path / "study", trial_steps="3", free_movement_s="0.1")) as store:
+        pseudonym = enrol_included(store)
+        with StudyVisit(store, pseudonym) as visit:
+            plan = visit.plan()
+            first = next(each for each in plan.trials if each.own_preferences)
+            plan = replace(plan, trials=[first])
+            attended = Visit(tmp_path, plan, make=lambda send: visit.session(plan, send))
+            attended.calibrate()
+            attended.confirms = False
+            attended.run_until("check")
+            attended.send(ChangePreferences())
+            for question, answer in zip(QUESTIONS, (2, 4, 3, 2), strict=True):
+                attended.send(Answer(question.name, answer, 1.0))
+            attended.leave()
+        changed = Preferences(speed=0.5, distance_m=0.2, side="right", bite_timing="after_swallowing")
+        assert preferences_of(store, pseudonym) == changed
+        assert "preferences changed" in [event.name for event in store.events()]
+        rules = [each.rules for each in plan_session(store, pseudonym).trials if each.own_preferences]
+        assert {each and each.preferences for each in rules} == {changed}
 
 
 def test_the_command_line_shows_and_changes_preferences_in_words(tmp_path: Path) -> None:

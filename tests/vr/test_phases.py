@@ -8,10 +8,12 @@ from typing import Any, Self, get_args, get_type_hints
 
 import pytest
 
+from avrgym.commands.preferences import CommandRules, apply_preferences
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.vr.protocol.messages import (
     Answer,
     Back,
+    ChangePreferences,
     ChooseBody,
     ChooseParticipantBody,
     Command,
@@ -103,6 +105,7 @@ class Walk:
     )
     DISRUPTIONS: Sequence[Received] = (
         Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), RequestBreak(), Stop(), Ready(),
+        ChangePreferences(), ChangePreferences(),
         Hello(4, "", "", True),
         ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseParticipantBody("woman", "blue"),
         Answer("L1", 4, 1.0),
@@ -115,8 +118,11 @@ class Walk:
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
         checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05, test_stop_limit_s=2.0)
+        trials = plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING))
+        paced = apply_preferences(CommandRules(policy="drive", preferences=True), None)
         session = replace(
-            plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING)),
+            trials,
+            trials=[replace(each, rules=paced, own_preferences=True) for each in trials.trials],
             headset_check=checked,
             measure_reach=True,
             break_items=LIKERT_ITEMS[:1],

@@ -6,11 +6,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.commands.preferences import CommandRules, apply_preferences
+from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences
 from avrgym.commands.vocabulary import CommandName
 from avrgym.replay.verification import verify
 from avrgym.vr.emulation.simulated_commands import GESTURE_S
 from avrgym.vr.protocol.messages import (
+    Answer,
+    ChangePreferences,
+    Phase,
+    Question,
     RobotCommand,
     RobotCommands,
     WatcherRobotCommand,
@@ -110,3 +114,47 @@ def test_unknown_commands_and_sources_of_others_are_refused(change: dict[str, st
     sent = msgspec.msgpack.decode(encode(RobotCommand("ready", "key", 0.0)))
     with pytest.raises(msgspec.DecodeError, match="Invalid enum value"):
         decode_client(msgspec.msgpack.encode(sent | change))
+
+
+def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) -> None:
+    """Answers that contradict the condition are not possible. The change applies from the next trial on."""
+    condition = CommandRules(
+        policy="drive",
+        commands=("wait", "stop"),
+        sources=("key",),
+        preferences=True,
+        defaults=Preferences(bite_timing="after_swallowing", speed=0.8),
+    )
+    rules = apply_preferences(condition, None)
+    session = plan(seeds=(1, 2))
+    own = [replace(each, rules=rules, own_preferences=True) for each in session.trials]
+    visit = Visit(tmp_path, replace(session, trials=[own[0], replace(own[1], own_preferences=False)]))
+    visit.send(ChangePreferences())
+    assert visit.problems[-1] == "You cannot change now how the robot helps."
+    visit.calibrate()
+    visit.confirms = False
+    visit.run_until("check")
+    assert visit.received(Phase)[-1].preferences
+    visit.send(ChangePreferences())
+    assert [each.item for each in asked(visit, 3, 5, 1)] == ["speed", "distance_m", "side", "bite_timing"]
+    last = visit.received(Question)[-1]
+    assert (last.labels, last.previous_answer) == (["by itself after a pause", "by itself when I face it"], 1)
+    visit.send(Answer("bite_timing", 2, 1.0))
+    visit.tick()
+    assert visit.phase == "ready"
+    assert "waits 30 cm away from you, on your left" in visit.received(Phase)[-1].text
+    changed = Preferences(speed=0.8, distance_m=0.3, side="left", bite_timing="with_company")
+    assert [each.rules and each.rules.preferences for each in visit.session.plan.trials] == [
+        changed,
+        rules.preferences,
+    ]
+    (event,) = [each for each in visit.observed if isinstance(each, session_events.PreferencesChanged)]
+    assert event.preferences == changed
+    visit.leave()
+
+
+def asked(visit: Visit, *answers: int) -> list[Question]:
+    """Answer the questions so far. Returns all questions, with the next one."""
+    for answer in answers:
+        visit.send(Answer(visit.received(Question)[-1].item, answer, 1.0))
+    return visit.received(Question)

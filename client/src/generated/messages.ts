@@ -1,6 +1,6 @@
 // Written by `python scripts/write_typescript.py` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 15;
+export const PROTOCOL = 16;
 
 export const STATES_PER_RECEIPT = 2;
 
@@ -206,6 +206,11 @@ export interface RequestBreak {
   type: "request_break";
 }
 
+/** The participant wants to change how the robot helps, before the next trial. */
+export interface ChangePreferences {
+  type: "change_preferences";
+}
+
 /** The origin of the reference space has changed, so the registration is invalid. */
 export interface OriginReset {
   type: "origin_reset";
@@ -265,7 +270,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | RequestBreak | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
+export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | RequestBreak | ChangePreferences | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
 
 /** A command of the experimenter.
  *
@@ -452,7 +457,8 @@ export interface StateChange {
  *
  * `trial`: number of the running or next trial, from 1. `trials`: number of trials. `seconds`: time limit.
  * `text` is for VR with a trigger. `texts_by_input`: differing texts for other input methods. `page_text`: a
- * differing text for the page without a headset. `key`: the key of the text. */
+ * differing text for the page without a headset. `key`: the key of the text. `preferences`: whether the
+ * participant may change their preferences for the robot now. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -464,6 +470,7 @@ export interface Phase {
   page_text: string;
   texts_by_input: Record<string, string>;
   key: string;
+  preferences: boolean;
 }
 
 /** A questionnaire item.

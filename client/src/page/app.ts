@@ -102,6 +102,7 @@ export class App {
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
       rest: () => this.send({ type: "request_break" }),
+      prefer: () => this.send({ type: "change_preferences" }),
       stop: () => this.stop("page"),
       back: () => this.choices.goBack(),
       answer: (value) => this.choices.answer(value),

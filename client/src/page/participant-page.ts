@@ -5,6 +5,7 @@ import {
   confirmsAnswers,
   linkText,
   mayGoBack,
+  mayPrefer,
   mayRecalibrate,
   mayRest,
   phaseLabel,
@@ -37,6 +38,7 @@ export interface PageEvents {
   ready(): void;
   recalibrate(): void;
   rest(): void;
+  prefer(): void;
   stop(): void;
   back(): void;
   answer(value: number): void;
@@ -73,6 +75,7 @@ export class Page {
     element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
     element("again").addEventListener("click", () => events.recalibrate());
     element("rest").addEventListener("click", () => events.rest());
+    element("prefer").addEventListener("click", () => events.prefer());
     element("back").addEventListener("click", () => events.back());
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
@@ -194,6 +197,7 @@ export class Page {
     element("ready").hidden = this.isSpectator || (!confirms && !(display.participates && awaitsReady(phase)));
     element("again").hidden = !display.participates || !mayRecalibrate(phase);
     element("rest").hidden = !display.participates || !mayRest(phase);
+    element("prefer").hidden = !display.participates || !mayPrefer(phase);
     element("back").hidden = this.isSpectator || !mayGoBack(display);
     element("phase").hidden = !phase?.text || question !== null;
     this.showBody(display.body, phase);

@@ -15,18 +15,20 @@ import {
 import type { Key, Texts } from "../page/texts";
 import { segmentLabel, segmentsOf, type Segment } from "./segments";
 
-/** Values of buttons that are no answers: previous question, confirm answers, calibrate again, go on, take a break. */
+/** Values of buttons that are no answers: previous question, confirm, calibrate again, go on, break, preferences. */
 export const BACK = -1;
 export const DONE = -2;
 export const AGAIN = -3;
 export const GO_ON = -4;
 export const REST = -5;
+export const PREFER = -6;
 const ACTION_TEXTS: Readonly<Record<number, Key>> = {
   [BACK]: "back",
   [DONE]: "done",
   [AGAIN]: "again",
   [GO_ON]: "go_on",
   [REST]: "rest",
+  [PREFER]: "prefer",
 };
 
 /** Pixels of the panel's canvas. */
@@ -54,6 +56,7 @@ const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 
 const BODY_BOX: Box = { x: MARGIN + 150, y: 420, width: WIDTH - 2 * MARGIN - 300, height: 270 };
 const GO_ON_BOX: Box = { x: WIDTH / 2 - 260, y: 710, width: 520, height: 120 };
 const REST_BOX: Box = { ...GO_ON_BOX, x: 1080, width: WIDTH - MARGIN - 1080 };
+const PREFER_BOX: Box = { ...REST_BOX, x: MARGIN };
 /** Maximum height of a button with text, and the share of it that the text may fill. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
@@ -106,10 +109,15 @@ type Choosing = PanelContent & { body: Body };
 /** All buttons in the order of a scan. */
 export function buttonsOf(content: PanelContent | null): Button[] {
   if (!content) return [];
-  const { question, confirms, again, goesOn, rests } = content;
+  const { question, confirms, again, goesOn, rests, prefers } = content;
   if (question) return inDirection(questionButtons(content, question), content);
-  if (confirms || again) return inDirection(actionButtons(confirms), content);
-  const actions = [...(goesOn ? [{ ...GO_ON_BOX, value: GO_ON }] : []), ...(rests ? [{ ...REST_BOX, value: REST }] : [])];
+  if (confirms || again) return inDirection(actionButtons(content), content);
+  const possible = [
+    { ...GO_ON_BOX, value: GO_ON, shown: goesOn },
+    { ...REST_BOX, value: REST, shown: rests },
+    { ...PREFER_BOX, value: PREFER, shown: prefers },
+  ];
+  const actions = possible.filter(({ shown }) => shown).map(({ shown: _, ...button }) => button);
   return [...bodiesOf(content), ...inDirection(actions, content)];
 }
 
@@ -144,13 +152,11 @@ function scaleButtons(question: Question, staged: boolean, segment: Segment | nu
   return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
 }
 
-/** Two actions side by side: change or confirm answers, calibrate again or go on. */
-function actionButtons(confirms: boolean): Button[] {
-  const [left, right] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
-  return [
-    { ...left!, value: confirms ? BACK : AGAIN },
-    { ...right!, value: confirms ? DONE : GO_ON },
-  ];
+/** Actions side by side: change or confirm answers; calibrate again, change preferences or go on. */
+function actionButtons({ confirms, prefers }: PanelContent): Button[] {
+  const actions = confirms ? [BACK, DONE] : [AGAIN, ...(prefers ? [PREFER] : []), GO_ON];
+  const places = layoutWords(actions.length, CONFIRM_BOX, CONFIRM_BOX.height);
+  return places.map((place, index) => ({ ...place, value: actions[index]! }));
 }
 
 function isRightToLeft({ direction }: Texts): boolean {

@@ -42,6 +42,8 @@ export interface PanelContent {
   again: boolean;
   /** Whether the participant may request a break. */
   rests: boolean;
+  /** Whether the participant may change their preferences for the robot. */
+  prefers: boolean;
   /** Whether the participant may go on. */
   goesOn: boolean;
   staged: boolean;
@@ -85,10 +87,11 @@ export function panelContent(display: DisplayState): PanelContent | null {
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
   const [confirms, again, rests] = [confirmsAnswers(phase), mayRecalibrate(phase), mayRest(phase)];
+  const prefers = mayPrefer(phase);
   const goesOn = awaitsReady(phase) && !question && !confirms;
   const counts = question ? null : secondsLeft;
   const shown = { texts, label, text, secondsLeft: counts, question, body, answered, notice };
-  return { ...shown, confirms, again, rests, goesOn, staged, segment };
+  return { ...shown, confirms, again, rests, prefers, goesOn, staged, segment };
 }
 
 /** What is read aloud: the text, and the answers to a question. */
@@ -138,6 +141,11 @@ export function mayRecalibrate(phase: Phase | null): boolean {
 /** Whether the page offers a break. */
 export function mayRest(phase: Phase | null): boolean {
   return phase?.name === "ready";
+}
+
+/** Whether the participant may change their preferences for the robot. */
+export function mayPrefer(phase: Phase | null): boolean {
+  return phase?.preferences ?? false;
 }
 
 /** Whether a stop is possible now. */

@@ -5,7 +5,7 @@ import { kindOfProfile, points, stopsBy, switchOfHand, type Switch } from "../in
 import { FIRST_ICON } from "../input/command-icons";
 import { Selection } from "../input/selection";
 import { Switches } from "../input/switches";
-import { AGAIN, BACK, DONE, GO_ON, REST } from "../panel/paint-panel";
+import { AGAIN, BACK, DONE, GO_ON, PREFER, REST } from "../panel/paint-panel";
 import type { Panel } from "../panel/panel";
 import { Questionnaire } from "../panel/questionnaire";
 import { segmentsOf, type Segment } from "../panel/segments";
@@ -116,6 +116,7 @@ export class ParticipantChoices {
     else if (value === DONE || value === GO_ON) this.events.send({ type: "ready" });
     else if (value === AGAIN) this.events.send({ type: "recalibrate" });
     else if (value === REST) this.events.send({ type: "request_break" });
+    else if (value === PREFER) this.events.send({ type: "change_preferences" });
     else if (choice) this.events.send(choice);
   }
 

@@ -110,7 +110,7 @@ describe("words", () => {
   });
 
   it("tell where the session stands", () => {
-    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "", texts_by_input: {}, key: "" } as const;
+    const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "", texts_by_input: {}, key: "", preferences: false } as const;
     expect(sessionText({ ...phase, practice: false, seconds: 5 })).toBe("Free movement before the robot starts.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
       expect(sessionText(none)).toBe("No session runs here.");

@@ -33,7 +33,7 @@ function notingCanvas(): { context: CanvasRenderingContext2D; written: Map<strin
 function smallestDeg(content: Partial<PanelContent>): number {
   const { context, written } = notingCanvas();
   const nothing = { label: "", text: "", secondsLeft: null, question: null, body: null, answered: null, notice: null };
-  const whole: PanelContent = { ...nothing, texts: ENGLISH_TEXTS, confirms: false, again: false, rests: false, goesOn: false, staged: false, segment: null, ...content };
+  const whole: PanelContent = { ...nothing, texts: ENGLISH_TEXTS, confirms: false, again: false, rests: false, prefers: false, goesOn: false, staged: false, segment: null, ...content };
   paint(context, whole, buttonsOf(whole), null);
   const pixel_m = (2 * PANEL_HALF_M.x) / WIDTH;
   return (Math.min(...written.values()) * pixel_m * 180) / Math.PI / FARTHEST_M;

@@ -12,7 +12,7 @@ const EYES = new Vector3(0.2, 1.2, 0.1);
 const AHEAD = new Vector3(0, 0, -1);
 const CONTENT: PanelContent = {
   ...{ texts: ENGLISH_TEXTS, label: "", text: "Ready?", secondsLeft: null, question: null, body: null, answered: null },
-  ...{ notice: null, confirms: false, again: false, rests: false, goesOn: true, staged: false, segment: null },
+  ...{ notice: null, confirms: false, again: false, rests: false, prefers: false, goesOn: true, staged: false, segment: null },
 };
 const DEGREE = Math.PI / 180;
 

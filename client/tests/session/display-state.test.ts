@@ -31,7 +31,7 @@ const BODY: Body = {
 };
 
 function phase(name: Phase["name"], text = "Texts"): Phase {
-  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {}, key: "" };
+  return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {}, key: "", preferences: false };
 }
 
 function display(changes: Partial<DisplayState>): DisplayState {
@@ -148,5 +148,15 @@ describe("breaking lines", () => {
 
   it("keeps previous_answer line ends and texts that are too long", () => {
     expect(wrap("a\n\nlongestword b", 5, measure)).toEqual(["a", "", "longestword", "b"]);
+  });
+});
+
+describe("the preferences for the robot", () => {
+  it.each([["check", [-3, -6, -4]], ["ready", [-4, -5, -6]], ["paused", [-4, -6]]] as const)("have a button in phase %s", (name, values) => {
+    for (const preferences of [true, false]) {
+      const content = panelContent(display({ phase: { ...phase(name), preferences } }));
+      const expected = values.filter((value) => preferences || value !== -6);
+      expect(buttonsOf(content).map(({ value }) => value)).toEqual(expected);
+    }
   });
 });

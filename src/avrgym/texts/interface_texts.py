@@ -42,10 +42,11 @@ OPTIONAL_PAGE_KEYS = (
     "by_step",
     "by_remote",
     "caption_success",
+    "prefer",
 )
 HOST_PREFIX = "host_"
 """Prefix of the keys under ``page`` for the pages of hosted studies. They are optional too."""
-OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one")
+OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one", "no_preferences")
 """Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
 PAGE_SUFFIX = "_page"
 """Suffix of keys under ``session`` for the participant's page without a headset."""

@@ -22,7 +22,7 @@ from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.furniture import furniture_of
 from avrgym.study.people.input_profiles import set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
-from avrgym.study.people.preferences import preferences_of, trial_rules
+from avrgym.study.people.preferences import preferences_of, record_preferences, trial_rules
 from avrgym.study.sessions.links import language_message
 from avrgym.study.sessions.threads import SessionMonitor, StorageQueue
 from avrgym.study.storage.answers import (
@@ -285,6 +285,8 @@ def plan_session(
             replace(
                 _trial_plan(store, trial, made.count(trial.id), texts),
                 rules=trial_rules(store, trial.policy, own),
+                own_preferences=trial.policy in design.conditions
+                and design.conditions[trial.policy].preferences,
             )
             for trial in trials
         ],
@@ -389,6 +391,9 @@ class EventStorage:
                 self._record_event(event)
             case events.AnsweredAfterBreak():
                 record_session_answer(self._store, self._session.id, event.answer, AFTER_BREAK)
+            case events.PreferencesChanged():
+                record_preferences(self._store, self._pseudonym, event.preferences)
+                self._record_event(event)
             case events.InputChanged():
                 pass  # ``StudyVisit.change_input`` stores it
             case _:

@@ -26,7 +26,7 @@ from avrgym.recording.presentation import Contrast as Contrast
 from avrgym.recording.presentation import PanelPosition as PanelPosition
 from avrgym.recording.presentation import Presentation as Presentation
 
-PROTOCOL = 15
+PROTOCOL = 16
 """Version of the protocol. Client and server must have the same version."""
 
 TICK_S = PHYSICS_STEP_S
@@ -189,6 +189,10 @@ class RequestBreak(Message, frozen=True, tag="request_break"):
     """The participant requests a break before the next trial."""
 
 
+class ChangePreferences(Message, frozen=True, tag="change_preferences"):
+    """The participant wants to change how the robot helps, before the next trial."""
+
+
 class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The origin of the reference space has changed, so the registration is invalid."""
 
@@ -258,6 +262,7 @@ ClientMessage = (
     | VisibilityChanged
     | Recalibrate
     | RequestBreak
+    | ChangePreferences
     | OriginReset
     | Answer
     | Back
@@ -500,7 +505,8 @@ class Phase(Message, frozen=True, tag="phase"):
 
     ``trial``: number of the running or next trial, from 1. ``trials``: number of trials. ``seconds``: time limit.
     ``text`` is for VR with a trigger. ``texts_by_input``: differing texts for other input methods. ``page_text``: a
-    differing text for the page without a headset. ``key``: the key of the text.
+    differing text for the page without a headset. ``key``: the key of the text. ``preferences``: whether the
+    participant may change their preferences for the robot now.
     """
 
     name: PhaseName
@@ -512,6 +518,7 @@ class Phase(Message, frozen=True, tag="phase"):
     page_text: str = ""
     texts_by_input: dict[str, str] = {}
     key: str = ""
+    preferences: bool = False
 
 
 class Question(Message, frozen=True, tag="question"):

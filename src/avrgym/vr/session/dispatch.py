@@ -38,6 +38,8 @@ def handle_message(phase: Phase, message: Received) -> Phase:
             return phase.on_ready()
         case messages.RequestBreak():
             return phase.request_break("participant")
+        case messages.ChangePreferences():
+            return phase.change_preferences()
         case messages.Recalibrate():
             return phase.recalibrate()
         case messages.Answer():

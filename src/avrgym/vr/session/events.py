@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from avrgym.commands.preferences import Preferences
 from avrgym.commands.vocabulary import CommandName, Source
 from avrgym.models.body_names import BodyPart
 from avrgym.models.human import Sex
@@ -89,6 +90,13 @@ class InputChanged(SessionEvent):
     """The experimenter changed how the participant selects and stops."""
 
     profile: InputProfile
+
+
+@dataclass(frozen=True)
+class PreferencesChanged(SessionEvent):
+    """The participant changed their preferences for the robot."""
+
+    preferences: Preferences
 
 
 @dataclass(frozen=True)

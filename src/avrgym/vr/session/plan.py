@@ -25,8 +25,8 @@ class TrialPlan:
 
     ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
     questionnaire; default: the session's questionnaire. ``earlier_attempts`` is the number of attempts in other
-    sessions. ``rules`` are the participant's commands and preferences in this trial. ``settings`` are those of its
-    scene; default: the session's.
+    sessions. ``rules`` are the participant's commands and preferences in this trial. ``own_preferences``: whether the
+    participant may change these preferences. ``settings`` are those of its scene; default: the session's.
     """
 
     environment: str
@@ -37,6 +37,7 @@ class TrialPlan:
     items: Sequence[Item] | None = None
     earlier_attempts: int = 0
     rules: AppliedRules | None = None
+    own_preferences: bool = False
     settings: Settings | None = None
 
 

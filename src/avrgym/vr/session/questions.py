@@ -10,11 +10,17 @@ from avrgym.vr.protocol import messages
 class Questions:
     """Presents the items in order. The participant may go back to change answers."""
 
-    def __init__(self, items: Sequence[Item], given: Mapping[str, int] | None = None) -> None:
-        """Start with the first item without an answer in ``given``."""
+    def __init__(
+        self, items: Sequence[Item], given: Mapping[str, int] | None = None, *, review: bool = False
+    ) -> None:
+        """Start with the first item without an answer in ``given``, or with ``review`` with the first item."""
         self._items = items
         self._given = dict(given or {})
-        self._asked = next((i for i, item in enumerate(items) if item.id not in self._given), len(items))
+        self._asked = (
+            0
+            if review
+            else next((i for i, item in enumerate(items) if item.id not in self._given), len(items))
+        )
 
     @property
     def done(self) -> bool:

@@ -279,6 +279,7 @@ class Session:
             texts.render_for_page(phase.message),
             texts.render_by_input(phase.message),
             phase.message.key,
+            phase.can_prefer,
         )
         state.record_event("phase", phase.name)
         state.sink.report(events.PhaseEntered(state.now_s, phase.name, trial))

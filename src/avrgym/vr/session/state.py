@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -34,6 +35,7 @@ from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from avrgym.vr.session.preference_questions import PreferenceQuestion, possible_questions, with_preferences
 from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
@@ -276,6 +278,26 @@ class SessionState:
         self.sink.report(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
         self.send(self.body_message())
         return True
+
+    @property
+    def preference_questions(self) -> list[PreferenceQuestion]:
+        """The questions about preferences in the current trial; empty if the participant may not change them."""
+        if not self.current.own_preferences:
+            return []
+        own = [trial.rules for trial in self.plan.trials if trial.own_preferences and trial.rules is not None]
+        return possible_questions(own)
+
+    def change_preferences(self, changes: dict[str, Any]) -> None:
+        """Change the participant's preferences in all trials that use them. ``changes``: values by name."""
+        trials = [
+            replace(trial, rules=with_preferences(trial.rules, changes))
+            if trial.own_preferences and trial.rules is not None
+            else trial
+            for trial in self.plan.trials
+        ]
+        self.plan = replace(self.plan, trials=trials)
+        assert self.current.rules is not None
+        self.sink.report(events.PreferencesChanged(self.now_s, self.current.rules.preferences))
 
     def change_input(self, profile: InputProfile) -> None:
         """Change how the participant selects and stops, from now on."""

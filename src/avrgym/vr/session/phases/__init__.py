@@ -25,6 +25,7 @@ from avrgym.vr.session.phases.preparing import (
     LoadCalibration,
     LoadCheck,
     LoadTrial,
+    PreferenceQuestionnaire,
     ReachForward,
     ReachSideways,
     Storing,
@@ -70,9 +71,8 @@ AfterLoading = TrialStart | Check
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckFeedback, CheckResult, Calibration,
     ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, ConfirmReady,
-    FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm, Break,
-    BreakQuestionnaire, Paused,
-    RecordingFailed, Finished,
+    PreferenceQuestionnaire, FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm,
+    Break, BreakQuestionnaire, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 

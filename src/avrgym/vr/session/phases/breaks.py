@@ -31,6 +31,11 @@ class Break(BetweenTrialsPhase):
     def request_break(self, by: events.Initiator) -> Self:
         return self
 
+    @property
+    def can_prefer(self) -> bool:
+        """Preferences are changed after the break."""
+        return False
+
 
 class BreakQuestionnaire(QuestionsPhase):
     """The participant answers the questions after a break. The answers are stored after the last one."""

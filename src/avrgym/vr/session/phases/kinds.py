@@ -284,6 +284,15 @@ class BetweenTrialsPhase(LocatedPhase):
         self.state.ready_for = self.state.trial
         return self._begin_trial()
 
+    @property
+    def can_prefer(self) -> bool:
+        return bool(self.state.preference_questions)
+
+    def change_preferences(self) -> phases.PreferenceQuestionnaire | Self:
+        return (
+            phases.PreferenceQuestionnaire(self.state) if self.can_prefer else self._refuse("no_preferences")
+        )
+
     def request_break(self, by: events.Initiator) -> phases.Break | Self:
         self.state.request_break(by)
         return phases.Break(self.state)

@@ -39,6 +39,11 @@ class Phase:
     def __init__(self, state: SessionState) -> None:
         self.state = state
 
+    @property
+    def can_prefer(self) -> bool:
+        """Whether the participant may change their preferences for the robot now."""
+        return False
+
     def on_enter(self) -> None:
         """Start the phase. The session calls this once, after it has sent the phase to the clients."""
 
@@ -89,6 +94,10 @@ class Phase:
         """Handle a request for a break. The break follows before the next trial."""
         self.state.request_break(by)
         return self._refuse("break_follows", by)
+
+    def change_preferences(self) -> Phase:
+        """Ask the participant how the robot shall help. Returns the next phase."""
+        return self._refuse("no_preferences")
 
     def answer(self, answer: messages.Answer) -> Phase:
         """Handle an answer of the participant. Returns the next phase."""

@@ -10,12 +10,20 @@ from typing import ClassVar, Self
 import msgspec
 
 from avrgym.commands.preferences import describe_preferences
+from avrgym.questionnaires.questionnaire import translate
 from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, OngoingPhase, VrPhase, text_for_arms
+from avrgym.vr.session.phases.kinds import (
+    BetweenTrialsPhase,
+    OngoingPhase,
+    QuestionsPhase,
+    VrPhase,
+    text_for_arms,
+)
+from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
@@ -230,6 +238,45 @@ class ConfirmReady(BetweenTrialsPhase):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         self.message = trial_text("ready", state, with_preferences=True)
+
+
+class PreferenceQuestionnaire(QuestionsPhase):
+    """The participant changes their preferences for the robot. They apply from the next trial on."""
+
+    name = "questionnaire"
+    message = Text("questionnaire")
+
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state)
+        assert state.current.rules is not None
+        self._asked, before = state.preference_questions, state.current.rules.preferences
+        self._before = {each.name: each.answer_of(before) for each in self._asked}
+        items = translate([each.item for each in self._asked], state.plan.texts)
+        self._questions = Questions(items, self._before, review=True)
+        self._given: dict[str, int] = {}
+        state.ready_for = -1
+
+    def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
+        """Store the answer to the current question. The last answer changes the preferences."""
+        given = self._take(answer)
+        if given is None:
+            return self
+        self._given[given.item] = given.value
+        if not self._questions.done:
+            self.state.send(self.question)
+            return self
+        changes = {
+            each.name: each.values[self._given[each.name] - 1]
+            for each in self._asked
+            if self._given[each.name] != self._before[each.name]
+        }
+        if changes:
+            self.state.change_preferences(changes)
+        return self._begin_trial()
+
+    def skip(self) -> phases.TrialStart:
+        """Continue without a change."""
+        return self._begin_trial()
 
 
 def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> Text:

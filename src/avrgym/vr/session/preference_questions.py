@@ -1,0 +1,87 @@
+"""The questions with which participants change their preferences for the robot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from avrgym.commands.preferences import AppliedRules, Preferences, find_contradiction
+from avrgym.questionnaires.questionnaire import Item
+
+
+@dataclass(frozen=True)
+class PreferenceQuestion:
+    """A question about one preference. ``values``: the value of each answer, in the order of the labels."""
+
+    name: str
+    text: str
+    values: tuple[Any, ...]
+    labels: tuple[str, ...]
+
+    @property
+    def item(self) -> Item:
+        """The question as an item of a questionnaire."""
+        return Item(self.name, self.text, len(self.values), self.labels[0], self.labels[-1], self.labels)
+
+    def answer_of(self, preferences: Preferences) -> int:
+        """Returns the answer that is nearest to a participant's preferences, counted from 1."""
+        value = getattr(preferences, self.name)
+        if isinstance(value, str):
+            return self.values.index(value) + 1
+        return min(range(len(self.values)), key=lambda index: abs(self.values[index] - value)) + 1
+
+    def possible(self, rules: Sequence[AppliedRules]) -> "PreferenceQuestion":
+        """Returns the question with the answers that contradict no trial."""
+        pairs = [
+            (value, label)
+            for value, label in zip(self.values, self.labels, strict=True)
+            if not any(find_contradiction(with_preferences(each, {self.name: value})) for each in rules)
+        ]
+        return PreferenceQuestion(
+            self.name, self.text, *(tuple(column) for column in zip(*pairs, strict=True))
+        )
+
+
+QUESTIONS = (
+    PreferenceQuestion(
+        "speed",
+        "How fast should the robot move, compared with its usual speed?",
+        (0.25, 0.5, 0.75, 1.0, 1.25),
+        ("25 %", "50 %", "75 %", "100 %", "125 %"),
+    ),
+    PreferenceQuestion(
+        "distance_m",
+        "How far away from you should the robot wait?",
+        (0.05, 0.1, 0.15, 0.2, 0.3, 0.4),
+        ("5 cm", "10 cm", "15 cm", "20 cm", "30 cm", "40 cm"),
+    ),
+    PreferenceQuestion(
+        "side",
+        "On which side of you should the robot wait?",
+        ("left", "any", "right"),
+        ("on my left", "on any side", "on my right"),
+    ),
+    PreferenceQuestion(
+        "bite_timing",
+        "When should the robot continue?",
+        ("on_cue", "after_swallowing", "with_company"),
+        ("when I signal that I am ready", "by itself after a pause", "by itself when I face it"),
+    ),
+)
+"""The questions in order. The German sentences are in ``texts/de.toml``."""
+
+
+def possible_questions(rules: Sequence[AppliedRules]) -> list[PreferenceQuestion]:
+    """Returns the questions with more than one possible answer.
+
+    Args:
+        rules: the rules of all trials that use the participant's preferences.
+    """
+    questions = [question.possible(rules) for question in QUESTIONS]
+    return [question for question in questions if len(question.values) > 1]
+
+
+def with_preferences(rules: AppliedRules, changes: dict[str, Any]) -> AppliedRules:
+    """Returns the rules of a trial with changed preferences."""
+    return msgspec.structs.replace(rules, preferences=msgspec.structs.replace(rules.preferences, **changes))
