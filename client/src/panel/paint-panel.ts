@@ -155,7 +155,8 @@ function scaleButtons(question: Question, staged: boolean, segment: Segment | nu
 /** Actions side by side: change or confirm answers; calibrate again, change preferences or go on. */
 function actionButtons({ confirms, prefers }: PanelContent): Button[] {
   const actions = confirms ? [BACK, DONE] : [AGAIN, ...(prefers ? [PREFER] : []), GO_ON];
-  const places = layoutWords(actions.length, CONFIRM_BOX, CONFIRM_BOX.height);
+  const area = actions.length > 2 ? { ...CONFIRM_BOX, x: MARGIN, width: WIDTH - 2 * MARGIN } : CONFIRM_BOX;
+  const places = layoutWords(actions.length, area, area.height);
   return places.map((place, index) => ({ ...place, value: actions[index]! }));
 }
 
