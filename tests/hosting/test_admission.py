@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.hosting.capacity import INITIAL_CPU_SHARE, Capacity
+from avrgym.hosting.capacity import INITIAL_CPU_SHARE, Capacity, IdleCores
 from avrgym.hosting.headset_codes import CODE_VALID_S, MAX_WRONG_CODES_PER_MINUTE, HeadsetCodes
 from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.settings import HostSettings, read_host_settings
@@ -47,6 +47,30 @@ def test_no_session_is_admitted_while_ticks_are_given_up(missed_per_s: int, admi
     assert capacity.admits(1) is admitted
     assert capacity.admits(0)
     assert not capacity.admits(capacity.sessions)
+
+
+def test_no_session_is_admitted_while_other_programs_use_the_processors(tmp_path: Path) -> None:
+    """Two of four cores are idle, then none."""
+    clock, statistics = Clock(), tmp_path / "stat"
+    idle_cores = IdleCores(statistics, clock)
+
+    def measure(busy: int, idle: int) -> float | None:
+        cores = "".join(f"cpu{core} 0 0 0 0 0 0 0 0 0 0\n" for core in range(4))
+        statistics.write_text(f"cpu {busy} 0 0 {idle} 0 0 0 0 0 0\n{cores}intr 1\n")
+        return idle_cores.measure()
+
+    assert measure(100, 100) is None
+    clock.now_s = 1.0
+    assert measure(300, 300) == 2.0
+    clock.now_s = 6.5
+    assert measure(700, 300) is None
+    clock.now_s = 7.5
+    capacity = Capacity(cores=4)
+    capacity.idle_cores = measure(1100, 300)
+    assert capacity.idle_cores == 0.0
+    assert [capacity.admits(running) for running in (0, 1)] == [True, False]
+    capacity.idle_cores = 2.5 * INITIAL_CPU_SHARE
+    assert [capacity.admits(2, young) for young in (0, 1, 2)] == [True, True, False]
 
 
 def test_waiting_time_follows_the_ends_of_running_sessions() -> None:

@@ -2,13 +2,17 @@
 
 import os
 import signal
+from pathlib import Path
 
 import pytest
 
-from avrgym.hosting import session_pool
-from avrgym.study.storage.store import Store
+from avrgym.hosting import participant_app, session_pool
+from avrgym.hosting.host import Host
+from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.store import Store, change_state
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Welcome
 from helpers.hosting.served_host import Served, first, wait_until
+from helpers.studies.small_studies import run_trial, small_study
 
 pytestmark = pytest.mark.slow
 
@@ -76,6 +80,20 @@ def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:
     assert served.host.store.database.faults() == []
 
 
+def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> None:
+    """All trials are complete, and the session was killed before it stored its end."""
+    store = served.host.store
+    pseudonym, token = served.admit()
+    session = open_session(store, pseudonym)
+    for trial in store.remaining_trials(pseudonym):
+        run_trial(store, session, trial, simulated=False)
+    with store.database.write() as connection:
+        change_state(connection, session, "interrupted", {"session": session.id})
+    assert store.participant(pseudonym).state == "allocated"
+    assert served.stage(token)["code"] == "DONE"
+    assert store.participant(pseudonym).state == "completed"
+
+
 def test_waiting_and_absent_participants(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """With full capacity a participant waits. The session of an absent participant ends, and can be started again."""
     pool = served.host.pool
@@ -132,3 +150,15 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
     assert ask("POST", "/api/door", is_open=True) == 204
     names = {each.name for each in served.host.store.log()}
     assert {"end session", "send message", "close door", "open door"} <= names
+
+
+def test_requests_of_an_address_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wrong invitations and codes count together; a right invitation is refused too."""
+    monkeypatch.setattr(participant_app, "BURST_PER_ADDRESS", 5)
+    with Store(small_study(tmp_path / "study")) as store, Host(store) as host:
+        limited = Served(host)
+        wrong = [limited.post("invitation", token="x").status_code for _ in range(6)]
+        assert wrong == [403] * 5 + [429]
+        assert limited.post("invitation", token=limited.invite()).status_code == 429
+        assert limited.post("headset", code="12345678").status_code == 429
+        assert limited.request("GET", "/api/stage", "x").status_code == 429

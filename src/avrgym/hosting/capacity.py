@@ -2,13 +2,16 @@
 
 A session uses most in trials. The estimate for one session is therefore the mean of the sessions' highest shares over
 ``MEAN_REPORTS`` reports. A new
-session is admitted only if the sum stays below the limit, and if the sessions give up at most ``MAX_MISSED_SHARE`` of
-their ticks.
+session is admitted only if the sum stays below the limit, if the sessions give up at most ``MAX_MISSED_SHARE`` of their
+ticks, and if the processors are idle for at least the time that a session needs. Other programs thus count too.
 """
 
 import os
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 MAX_MISSED_SHARE = 0.005
 """Maximum share of ticks given up in the last ``WINDOW_S`` at which a session is admitted."""
@@ -18,6 +21,9 @@ INITIAL_CPU_SHARE = 0.35
 """Processor time of a session as a share of one core, before it is measured."""
 WINDOW_S = 30.0
 MEAN_REPORTS = 10
+YOUNG_S = 20.0
+IDLE_WINDOW_S = 5.0
+"""Time over which the idle cores are measured. It must contain the start of the previous session."""
 SETTLE_S = 5.0
 """The start of a session builds models; its processor time is not counted."""
 
@@ -29,6 +35,29 @@ class _Measured:
     missed: deque[tuple[float, int]] = field(default_factory=deque[tuple[float, int]])
 
 
+class IdleCores:
+    """Measures how many cores were idle in the last ``IDLE_WINDOW_S``, from Linux's ``/proc/stat`` (proc(5))."""
+
+    def __init__(self, path: Path = Path("/proc/stat"), clock: Callable[[], float] = time.monotonic) -> None:
+        self._path, self._clock = path, clock
+        self._samples: deque[tuple[float, int, int]] = deque()
+
+    def measure(self) -> float | None:
+        """Returns the mean number of idle cores; ``None`` if it is unknown."""
+        try:
+            lines = self._path.read_text().splitlines()
+        except OSError:
+            return None
+        times = [int(each) for each in lines[0].split()[1:9]]
+        cores = sum(line.startswith("cpu") for line in lines) - 1
+        now_s = self._clock()
+        self._samples.append((now_s, times[3], sum(times)))
+        while now_s - self._samples[0][0] > IDLE_WINDOW_S:
+            self._samples.popleft()
+        (_, idle_before, before), (_, idle, after) = self._samples[0], self._samples[-1]
+        return cores * (idle - idle_before) / (after - before) if after > before else None
+
+
 class Capacity:
     """Measures the running sessions and decides whether another one can start."""
 
@@ -38,6 +67,8 @@ class Capacity:
         self._cores = cores or _own_cores()
         self._running: dict[str, _Measured] = {}
         self._finished_peaks: deque[float] = deque(maxlen=20)
+        self.idle_cores: float | None = None
+        """Idle cores of this computer, if they are measured."""
 
     @property
     def cpu_share(self) -> float:
@@ -80,9 +111,16 @@ class Capacity:
         if own is not None and own.peak > 0.0:
             self._finished_peaks.append(own.peak)
 
-    def admits(self, running: int) -> bool:
-        """Returns whether one more session can start while this number of sessions run."""
-        return running < self.sessions and (running == 0 or self.missed_share <= MAX_MISSED_SHARE)
+    def admits(self, running: int, young: int = 0) -> bool:
+        """Returns whether one more session can start.
+
+        ``running``: number of running sessions. ``young``: number of those that began in the last ``YOUNG_S``. They do
+        not use their full processor time yet.
+        """
+        if running == 0:
+            return True
+        is_idle = self.idle_cores is None or self.idle_cores >= (1 + young) * self.cpu_share
+        return running < self.sessions and is_idle and self.missed_share <= MAX_MISSED_SHARE
 
 
 def _own_cores() -> int:

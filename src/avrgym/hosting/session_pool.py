@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
-from avrgym.hosting.capacity import Capacity
+from avrgym.hosting.capacity import YOUNG_S, Capacity, IdleCores
 from avrgym.hosting.session_process import (
     Ended,
     FromHost,
@@ -96,7 +96,7 @@ class SessionPool:
         """``run``: the function that runs in a session's process."""
         self._store, self._settings, self._run, self._clock = store, settings, run, clock
         self.capacity = Capacity(max_sessions)
-        self._waiting = WaitingList()
+        self._waiting, self._idle_cores = WaitingList(), IdleCores()
         self._sessions: dict[str, HostedSession] = {}
         self._failed: dict[str, str] = {}
         self._durations_s: deque[float] = deque(maxlen=50)
@@ -154,7 +154,8 @@ class SessionPool:
         with self._lock:
             if self.session_of(pseudonym) is not None:
                 return None
-            if pseudonym not in self._waiting and not has_remaining(self._store, pseudonym):
+            asks_after = bool(self._store.design.items_at("after_session"))
+            if not asks_after and not has_remaining(self._store, pseudonym):
                 raise StudyError(f"{pseudonym} has completed every trial")
             self._failed.pop(pseudonym, None)
             self._waiting.join(pseudonym, self._clock())
@@ -220,6 +221,7 @@ class SessionPool:
                 self._finish(session, now_s, ended=ended or session.state == "ending")
             else:
                 self._enforce_times(session, now_s)
+        self.capacity.idle_cores = self._idle_cores.measure()
         self._waiting.remove_absent(now_s)
         self._admit(now_s)
 
@@ -284,7 +286,8 @@ class SessionPool:
         if any(each.state == "starting" for each in self._sessions.values()):
             return
         pseudonym = self._waiting.next()
-        if pseudonym is None or not self.capacity.admits(len(self._sessions)):
+        young = sum(now_s - each.process_began_s < YOUNG_S for each in self._sessions.values())
+        if pseudonym is None or not self.capacity.admits(len(self._sessions), young):
             return
         self._waiting.leave(pseudonym)
         trials = len(self._store.remaining_trials(pseudonym))

@@ -8,7 +8,9 @@ import msgspec
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import Ending, HostSettings
 from avrgym.study.people.participants import consent_text, participant_texts
+from avrgym.study.sessions.visit import has_remaining
 from avrgym.study.storage.rows import Participant, StudyEvent
+from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, find_participant, record_event
 
@@ -98,18 +100,29 @@ def stage_of(
         raise StudyError(f"{pseudonym} is {participant.state}; ask the experimenter")
     if not has_confirmed_safety(store, participant):
         return SafetyStage()
-    return _session_stage(store, pool, pseudonym, is_open=is_open)
+    return _session_stage(store, settings, pool, pseudonym, is_open=is_open)
 
 
-def _session_stage(store: Store, pool: SessionPool, pseudonym: str, *, is_open: bool) -> Stage:
+def _session_stage(
+    store: Store, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
+) -> Stage:
     session = pool.session_of(pseudonym)
     if session is not None:
         return SessionStage(f"session/{session.id}/", session.link)
     place = pool.place(pseudonym)
     if place is not None:
         return WaitingStage(place.position, rounded_minutes(place.wait_s))
+    if _is_finished(store, pool, pseudonym):
+        close_session(store, open_session(store, pseudonym).id)  # the participant is completed then
+        return stage_of(store, settings, pool, pseudonym, is_open=is_open)
     remaining = len(store.remaining_trials(pseudonym))
     return ReadyStage(rounded_minutes(pool.session_s), remaining, is_open, pool.error_of(pseudonym))
+
+
+def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
+    """Returns whether nothing remains, although the end of the session was not stored because its process crashed."""
+    has_questions = bool(store.design.items_at("after_session")) and not pool.error_of(pseudonym)
+    return not has_questions and not has_remaining(store, pseudonym)
 
 
 def rounded_minutes(seconds: float) -> int:

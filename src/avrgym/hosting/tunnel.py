@@ -155,7 +155,7 @@ class _Tunnel(asyncio.Protocol):
         self._connections.add(self)
         host, port = self.transport.get_extra_info("peername")[:2]
         rules = self._tunnels.rules
-        rules.limiter.authenticate({"type": "websocket", "client": (host, port)}, rules.role)
+        rules.limiter.keep_open({"type": "websocket", "client": (host, port)}, rules.role)
 
     def data_received(self, data: bytes) -> None:
         if self._connecting is None:

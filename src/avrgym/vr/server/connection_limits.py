@@ -143,6 +143,13 @@ class ConnectionLimiter:
         if sum(each.role == role for each in self._connections.values()) < self._max_per_role:
             connection.role = role
 
+    def keep_open(self, scope: Scope, role: Role) -> None:
+        """Store that the connection of this WebSocket is in use until it closes, without passing the middleware."""
+        connection = self._connection(scope)
+        if connection is not None:
+            connection.note_activity(busy=True)
+            self.authenticate(scope, role)
+
     def _connection(self, scope: Scope) -> Connection | None:
         host, port = scope.get("client") or ("", 0)
         return self._connections.get((host, port))
