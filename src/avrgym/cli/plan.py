@@ -1,10 +1,10 @@
 """Commands of ``avrgym study`` about the plan and deviations from the plan."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -232,3 +232,31 @@ def checked(store: "Store") -> "list[Finding]":
         *(each for each in found if each not in deviating),
         *(replace(each, message=f"deviates from the plan: {each.message}") for each in deviating),
     ]
+
+
+def quality(folder: Folder, json_file: JsonFile = None) -> None:
+    """Show the quality of answers, and the participants whom the plan's rules exclude.
+
+    The rules are [[exclusion.rules]] of the frozen plan.
+    """
+    from avrgym.study.plan.exclusion_rules import answer_quality, violations
+    from avrgym.study.plan.frozen_plan import read_frozen_plan
+    from avrgym.study.storage.store import Store
+
+    with report_errors():
+        check_json(json_file)
+        with Store(folder) as store:
+            frozen = read_frozen_plan(store)
+            rules = () if frozen is None or frozen.record is None else frozen.record.parsed().exclusion.rules
+            found = violations(store, rules)
+            rows: list[dict[str, Any]] = [
+                asdict(answer_quality(store, each.pseudonym))
+                | {"violations": [every.reason for every in found if every.participant == each.pseudonym]}
+                for each in store.participants()
+            ]
+            log(store, "view answer quality")
+        write_json(json_file, rows)
+    if rows:
+        print_table([row | {"violations": "; ".join(row["violations"])} for row in rows])
+    else:
+        print_line("the study has no participants")

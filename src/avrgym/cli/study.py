@@ -23,7 +23,7 @@ from avrgym.cli.participant_records import (
     respondent,
     retention,
 )
-from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power
+from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power, quality
 from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
 from avrgym.cli.sites import merge, print_sites
 from avrgym.cli.terminal import (
@@ -65,6 +65,7 @@ def new(folder: Folder) -> None:
 
 app.command()(power)
 app.command()(freeze)
+app.command()(quality)
 app.command()(merge)
 app.command()(names)
 app.command()(encrypt_names)

@@ -34,6 +34,8 @@ from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.plan.exclusion_rules import violations
+from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
@@ -119,6 +121,7 @@ def read_study(
             found.trials.append(row)
     found.problems.extend(_plugin_problems(found.plugins))
     found.attempts.extend(_attempt(each) for each in attempts)
+    _exclude_by_rules(store, found)
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
         positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
@@ -128,6 +131,29 @@ def read_study(
         found.scores.extend(answered.scores())
         found.participants.append(_participant(store, participant, found))
     return found
+
+
+def _exclude_by_rules(store: Store, found: StudyData) -> None:
+    """Exclude all trials of participants who violate an exclusion rule of the frozen plan. Report each violation."""
+    frozen = read_frozen_plan(store)
+    rules = () if frozen is None or frozen.record is None else frozen.record.parsed().exclusion.rules
+    reasons: dict[str, str] = {}
+    for each in violations(store, rules):
+        reasons[each.participant] = "; ".join(filter(None, (reasons.get(each.participant), each.reason)))
+    for index, row in enumerate(found.trials):
+        if row.counted and row.participant in reasons:
+            found.trials[index] = replace(row, counted=False, left_out=reasons[row.participant])
+    simulated = {row.participant: row.simulated for row in found.trials}
+    found.problems.extend(
+        ProblemRow(
+            simulated=simulated[participant],
+            where=participant,
+            what=f"is left out: {reason}",
+            consequence="no trial of this participant is in the analysis",
+        )
+        for participant, reason in reasons.items()
+        if participant in simulated
+    )
 
 
 def _site_problems(store: Store) -> Iterator[ProblemRow]:

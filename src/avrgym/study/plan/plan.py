@@ -9,6 +9,7 @@ import msgspec
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import Tables, ValidationError, parse_toml, read_text
+from avrgym.study.plan.exclusion_rules import ExclusionRule, rule_fault
 from avrgym.study.storage.states import StudyError
 from avrgym.system.toml_lines import Place
 
@@ -33,10 +34,12 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Rules for the exclusion of trials and participants.
 
     ``max_held_share``: maximum share of time with tracking loss. ``further``: further rules as text.
+    ``rules``: rules that the analysis applies to participants.
     """
 
     max_held_share: float
     further: tuple[NonEmptyText, ...] = ()
+    rules: tuple[ExclusionRule, ...] = ()
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -65,7 +68,11 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         return EXPLORATORY if test in self.exploratory else NOT_PLANNED
 
 
-_TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
+_TABLES: Tables = {
+    ("hypotheses",): Hypothesis,
+    ("exclusion",): Exclusion,
+    ("exclusion", "rules"): ExclusionRule,
+}
 
 
 def read_plan(folder: Path, design: Design, available_tests: AvailableTests) -> tuple[Plan, str]:
@@ -99,6 +106,7 @@ def _check(plan: Plan, design: Design, available_tests: AvailableTests) -> None:
     """Raise ``ValidationError`` for the first value that does not match the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
+    _check_rules(plan.exclusion.rules, [item.id for item in design.items_at("after_trial")])
     for index, test in enumerate(plan.exploratory):
         _check_known(("exploratory", index), "test", test, available_tests)
     known: set[str] = set()
@@ -109,6 +117,17 @@ def _check(plan: Plan, design: Design, available_tests: AvailableTests) -> None:
             )
         known.add(hypothesis.id)
         _check_hypothesis(("hypotheses", index), hypothesis, available_tests)
+
+
+def _check_rules(rules: Sequence[ExclusionRule], items: Sequence[str]) -> None:
+    names: set[str] = set()
+    for index, rule in enumerate(rules):
+        fault = (
+            f"{rule.name!r} is used twice; allowed: once" if rule.name in names else rule_fault(rule, items)
+        )
+        if fault:
+            raise ValidationError(("exclusion", "rules", index), fault)
+        names.add(rule.name)
 
 
 def _check_equal(place: Place, planned: float, designed: float) -> None:

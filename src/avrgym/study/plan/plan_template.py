@@ -43,6 +43,14 @@ max_held_share = {max_held_share:.12g}
 # ["The experimenter withdraws participants who feel sick."]; you apply them yourself.
 further = []
 
+# Rules that the analysis applies to participants, by the quality of their answers after trials, such as
+#   [[exclusion.rules]]
+#   name = "wrong answers to the attention item"
+#   kind = "attention"            # or "straight_lining" with max_share, or "response_time" with min_seconds
+#   item = "attention"
+#   allowed = [2]
+#   max_share = 0.0
+
 # Your hypotheses, one [[hypotheses]] each, with primary measures and tests. In tests "by participant" each participant
 # gives one value. Tests "by trial", as in the paper, assume independent trials; their hypotheses are tested by
 # participant instead. p is two-sided and corrected over all tests of the hypotheses.

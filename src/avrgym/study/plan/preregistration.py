@@ -14,6 +14,7 @@ from avrgym.study.design.description import (
     describe_randomization,
 )
 from avrgym.study.design.design import Design
+from avrgym.study.plan.exclusion_rules import ExclusionRule
 from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, check_can_freeze, read_frozen_plan
 from avrgym.study.plan.plan import AvailableTests, Plan, read_plan
 from avrgym.study.storage.states import StudyError
@@ -198,7 +199,21 @@ def _exclusion(design: Design, plan: Plan) -> str:
             else []
         ),
     ]
-    return bullet_list([*rules, *plan.exclusion.further])
+    by_name = [
+        f"Participants who violate the rule {each.name!r}: {_rule(each)}" for each in plan.exclusion.rules
+    ]
+    return bullet_list([*rules, *by_name, *plan.exclusion.further])
+
+
+def _rule(rule: ExclusionRule) -> str:
+    """Returns an exclusion rule as a sentence."""
+    most = f"more than {100 * rule.max_share:g} %"
+    if rule.kind == "attention":
+        right = ", ".join(map(str, rule.allowed))
+        return f"{most} of the answers to {rule.item} differ from {right}."
+    if rule.kind == "straight_lining":
+        return f"all answers are equal in {most} of the questionnaires."
+    return f"the median time for an item is below {rule.min_seconds:g} s."
 
 
 def bullet_list(items: Iterable[str]) -> str:

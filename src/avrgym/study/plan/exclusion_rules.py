@@ -1,0 +1,136 @@
+"""Exclusion rules of a plan: they exclude participants by the quality of their answers, each with a name.
+
+A rule counts the answers of a participant to questionnaires after trials. Excluded participants are listed with the
+rule's name and the measured value, and never removed silently. Three kinds of rules are common in online studies:
+attention items with a known answer (Oppenheimer, Meyvis and Davidenko, Journal of Experimental Social Psychology 45,
+2009), straight-lining, and too fast answers (Curran, Journal of Experimental Social Psychology 66, 2016).
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Annotated, Literal
+
+import msgspec
+
+from avrgym.study.storage.rows import StudyAnswer
+from avrgym.study.storage.store import Store
+
+Kind = Literal["attention", "straight_lining", "response_time"]
+KINDS: tuple[Kind, ...] = ("attention", "straight_lining", "response_time")
+MIN_ITEMS = 3
+"""Questionnaires with fewer items are not considered for straight-lining."""
+
+
+class ExclusionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One rule. ``name``: as in reports.
+
+    ``kind``: ``attention`` excludes participants who gave ``item`` another answer than ``allowed`` in a larger share
+    than ``max_share``. ``straight_lining`` excludes participants who gave all items of a questionnaire the same answer
+    in a larger share of questionnaires than ``max_share``. ``response_time`` excludes participants whose median time
+    for an item is below ``min_seconds``.
+    """
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
+    kind: Kind
+    item: str = ""
+    allowed: tuple[int, ...] = ()
+    max_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
+    min_seconds: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+
+
+@dataclass(frozen=True)
+class AnswerQuality:
+    """Quality of a participant's answers. A value is ``None`` without the answers that it needs.
+
+    Attributes:
+        participant: the pseudonym.
+        answers: number of answers.
+        straight_lined_share: share of questionnaires with ``MIN_ITEMS`` items or more in which all answers are equal.
+        median_response_s: median time for an item, in seconds.
+    """
+
+    participant: str
+    answers: int
+    straight_lined_share: float | None
+    median_response_s: float | None
+
+
+@dataclass(frozen=True)
+class RuleViolation:
+    """A participant who is excluded by a rule. ``reason``: the rule's name with the measured and the allowed value."""
+
+    participant: str
+    rule: str
+    reason: str
+
+
+def rule_fault(rule: ExclusionRule, items: Iterable[str]) -> str:
+    """Returns why a rule does not fit the study's questionnaires after trials; empty if it fits."""
+    known = list(items)
+    if rule.kind != "attention":
+        return "" if not rule.item and not rule.allowed else f"rules of kind {rule.kind} have no item"
+    if rule.item not in known:
+        return f"unknown item {rule.item!r}; allowed: {', '.join(known)}"
+    return "" if rule.allowed else "allowed is empty; allowed: the right answers"
+
+
+def answer_quality(store: Store, pseudonym: str) -> AnswerQuality:
+    """Returns the quality of a participant's own answers to questionnaires after trials."""
+    answers = _own_answers(store, pseudonym)
+    times = [each.response_time_s for each in answers]
+    return AnswerQuality(
+        pseudonym, len(answers), straight_lined_share(answers), median(times) if times else None
+    )
+
+
+def straight_lined_share(answers: Sequence[StudyAnswer]) -> float | None:
+    """Returns the share of questionnaires whose answers are all equal; ``None`` without long questionnaires."""
+    by_attempt: dict[int | None, list[int]] = defaultdict(list)
+    for each in answers:
+        by_attempt[each.attempt].append(each.value)
+    long = [values for values in by_attempt.values() if len(values) >= MIN_ITEMS]
+    return sum(len(set(values)) == 1 for values in long) / len(long) if long else None
+
+
+def violations(store: Store, rules: Sequence[ExclusionRule]) -> list[RuleViolation]:
+    """Returns all violations of the rules, by participant and in the order of the rules."""
+    if not rules:
+        return []
+    return [
+        RuleViolation(participant.pseudonym, rule.name, f"rule {rule.name!r}: {reason}")
+        for participant in store.participants()
+        for answers in [_own_answers(store, participant.pseudonym)]
+        for rule in rules
+        if (reason := _violation(rule, answers))
+    ]
+
+
+def _own_answers(store: Store, pseudonym: str) -> list[StudyAnswer]:
+    return [each for each in store.answers(pseudonym) if each.attempt is not None and each.respondent is None]
+
+
+def _violation(rule: ExclusionRule, answers: Sequence[StudyAnswer]) -> str:
+    """Returns the measured and the allowed value if the answers violate the rule; otherwise empty."""
+    if rule.kind == "attention":
+        given = [each.value for each in answers if each.item == rule.item]
+        wrong = sum(value not in rule.allowed for value in given)
+        if given and wrong / len(given) > rule.max_share:
+            return f"{wrong} of {len(given)} answers to {rule.item} are wrong; allowed: {_percent(rule.max_share)}"
+    elif rule.kind == "straight_lining":
+        share = straight_lined_share(answers)
+        if share is not None and share > rule.max_share:
+            return (
+                f"all answers are equal in {_percent(share)} of the questionnaires; "
+                f"allowed: {_percent(rule.max_share)}"
+            )
+    elif answers:
+        seconds = median(each.response_time_s for each in answers)
+        if seconds < rule.min_seconds:
+            return f"the median time for an item is {seconds:.2f} s; allowed: at least {rule.min_seconds:g} s"
+    return ""
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
