@@ -13,6 +13,7 @@ import pytest
 from playwright.sync_api import expect, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
+from avrgym.analysis.report import write_report
 from avrgym.analysis.study import analyse
 from avrgym.commands.respondents import CAREGIVER
 from avrgym.study.dashboard.application import dashboard_app
@@ -99,7 +100,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
             yield Served(store, server)
 
 
-def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served) -> None:
+def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served, tmp_path: Path) -> None:
     """The link opens neither the dashboard nor the participant's place. It ends when the next session begins."""
     token, sessions = served.link, served.server.session
     with served.watching(token) as socket:
@@ -137,8 +138,13 @@ def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served) -> 
     ]
     moments = answer_moments(served.store.design, given, served.store.events())
     assert set(moments.values()) == {CAREGIVER}
-    rows = analyse(served.store).observed.answers
-    assert [(row.respondent, row.moment, row.counted) for row in rows] == [(CAREGIVER, CAREGIVER, False)] * 2
+    analysis = analyse(served.store)
+    rows = analysis.observed.answers
+    summaries = [(row.item, row.moment, row.n, row.mean) for row in analysis.session_answers]
+    assert summaries == [("eases", CAREGIVER, 1, 5.0), ("safe", CAREGIVER, 1, 3.0)]
+    write_report(tmp_path / "report.html", analysis, [], "")
+    assert "caregiver, answered by caregivers for themselves" in (tmp_path / "report.html").read_text()
+    assert [(row.respondent, row.moment, row.counted) for row in rows] == [(CAREGIVER, CAREGIVER, True)] * 2
     sessions.begin(participant.pseudonym)
     assert served.link != token
     assert answer("safe", 1) == 401

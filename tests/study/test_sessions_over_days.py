@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 
+from avrgym.analysis.report import write_report
+from avrgym.analysis.study import analyse
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.sessions.visit import StudyVisit
@@ -73,6 +76,17 @@ def test_a_dry_run_goes_over_several_sessions(tmp_path: Path) -> None:
         assert 0 < len(after_breaks) <= names.count("break begun") == names.count("break ended")
         assert sum(each.breaks for each in summaries) == names.count("break begun")
         assert {each.item for each in after_breaks} == {"fatigue"}
+        analysis = analyse(store)
+    assert [(row.day, row.breaks, row.trials) for row in analysis.sessions] == [
+        (1, each.breaks, each.trials) for each in summaries
+    ]
+    (summary,) = [row for row in analysis.session_answers if row.moment == AFTER_BREAK]
+    assert (summary.item, summary.n) == ("fatigue", 1)
+    assert summary.mean == pytest.approx(fmean(each.value for each in after_breaks), abs=0.01)
+    write_report(tmp_path / "report.html", analysis, [], "")
+    report = (tmp_path / "report.html").read_text()
+    assert "asked after breaks" in report
+    assert "day 1 is the day of" in report
 
 
 @pytest.mark.slow

@@ -42,6 +42,7 @@ from avrgym.analysis.plan import NO_PLAN, confirmatory_section, plan_section
 from avrgym.analysis.primary import primary_section
 from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.repeats import REPEATS_METHOD, repeats_section
+from avrgym.analysis.sessions import sessions_section
 from avrgym.analysis.sites import sites_section
 from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK
 from avrgym.analysis.streams import streams_section
@@ -153,6 +154,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         tag("h2", TITLES[simulated]),
         *mark,
         _counts(analysis, simulated),
+        sessions_section(analysis.sessions, simulated),
         confirmatory_section(confirmed, analysis.tests, analysis.models, simulated),
         primary_section(analysis.tests, analysis.models, simulated, planned=confirmed is not None),
         outcomes_section(design, analysis.objective, simulated, own, tests),

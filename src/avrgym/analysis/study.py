@@ -57,6 +57,7 @@ from avrgym.analysis.reading.rows import (
 )
 from avrgym.analysis.reading.study_data import StudyData, read_study
 from avrgym.analysis.repeats import RepeatRow, repeat_rows
+from avrgym.analysis.sessions import SessionRow, session_rows
 from avrgym.analysis.sites import SiteEffectRow, SiteOutcomeRow, site_effect_rows, site_outcome_rows
 from avrgym.analysis.statistics.comparisons import ComparisonRow, Family
 from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM, MAX_EXACT_SIGNED_RANK, PERMUTATIONS
@@ -97,11 +98,12 @@ class Analysis:
         observed: the data of the study.
         flows: number of participants at each step: of people, then of simulated participants.
         headsets: headset checks of sessions.
+        sessions: day, trials and time in VR of each session.
         groups: analysed trials with recorded body posture: of people, then of simulated participants.
         people: people sampled from the training populations.
         objective: reward and success of each condition.
         subjective: summaries of answers after trials.
-        session_answers: summaries of answers before and after sessions.
+        session_answers: summaries of answers before and after sessions, after breaks, and of caregivers.
         likert: frequency of each value of each item.
         score_summaries: summaries of questionnaire scores.
         families: tests by family.
@@ -127,6 +129,7 @@ class Analysis:
     observed: StudyData
     flows: list[ParticipantFlow]
     headsets: list[HeadsetRow]
+    sessions: list[SessionRow]
     groups: list[BodyTrials]
     people: list[PersonRow]
     objective: list[ObjectiveRow]
@@ -159,6 +162,7 @@ class Analysis:
         """Yields all tables for the CSV files."""
         seen = self.observed
         yield Table.of("participants", ParticipantRow, seen.participants)
+        yield Table.of("sessions", SessionRow, self.sessions)
         yield Table.of("trials", TrialRow, seen.trials)
         yield Table.of("attempts", AttemptRow, seen.attempts)
         yield Table.of("repeats", RepeatRow, self.repeats)
@@ -256,6 +260,7 @@ def analyse(
         observed=observed,
         flows=participant_flows(store, observed),
         headsets=headset_rows(store),
+        sessions=session_rows(store, observed.participants),
         groups=groups,
         people=people,
         objective=objective_rows(store, observed.trials),

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 from avrgym.analysis.answers.figures import session_figure_name, trial_figure_name
 from avrgym.analysis.answers.session_answers import (
+    CHANGE,
     MOMENT_LABELS,
     SessionAnswerRow,
     change_question,
+    further_questionnaires,
     session_questionnaires,
 )
 from avrgym.analysis.answers.trial_answers import (
@@ -42,7 +44,7 @@ def answers_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Returns the report section: answers after trials with tests, then answers about sessions with tests."""
+    """Returns the report section: answers after trials and about sessions, both with tests, then further answers."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
         for questionnaire in questionnaires_at(design, AFTER_TRIAL)
@@ -51,7 +53,11 @@ def answers_section(
         _about_sessions(about_sessions, simulated, drawings, tests, questionnaire)
         for questionnaire in session_questionnaires(design)
     ]
-    shown = [part for part in (*rated, *about) if part]
+    further = [
+        _further(about_sessions, simulated, questionnaire, moment)
+        for questionnaire, moment in further_questionnaires(design)
+    ]
+    shown = [part for part in (*rated, *about, *further) if part]
     if not shown:
         return empty_section("Answers", "No questionnaire item was answered yet.")
     return tag("section", tag("h3", "Answers"), *shown)
@@ -96,7 +102,12 @@ def _about_sessions(
     tests: TestTables,
     questionnaire: Questionnaire,
 ) -> Markup:
-    rows = [row for row in answers if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)]
+    rows = [
+        row
+        for row in answers
+        if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)
+        and row.moment in (*SESSION_MOMENTS, CHANGE)
+    ]
     if not rows:
         return Markup()
     name, when = questionnaire.name, " and ".join(MOMENT_LABELS[each] for each in _moments(questionnaire))
@@ -111,6 +122,29 @@ def _about_sessions(
         table(caption, heads, body, numbers=(2, 3, 4, 5, 6, 7)),
         tests.pop(change_question(questionnaire).table, Markup()),
     )
+
+
+def _further(
+    answers: Sequence[SessionAnswerRow], simulated: bool, questionnaire: Questionnaire, moment: str
+) -> Markup:
+    """Returns the answers after breaks or of caregivers. They are summarised without tests."""
+    wanted = (simulated, questionnaire.name, moment)
+    rows = [row for row in answers if (row.simulated, row.questionnaire, row.moment) == wanted]
+    if not rows:
+        return Markup()
+    title = f"{questionnaire.name}, {_FURTHER_TITLES[moment]}"
+    heads = ("Item", "n", "Proxy", "Median", "Quartiles", "Mean", "Range")
+    body = [(row.item, *_quartiles(row)) for row in rows]
+    caption = group_caption(f"{title}: mean answer for each participant", simulated)
+    return tag(
+        "section",
+        tag("h4", title),
+        _statements(questionnaire),
+        table(caption, heads, body, numbers=(1, 2, 3, 4, 5, 6)),
+    )
+
+
+_FURTHER_TITLES = {"after_break": "asked after breaks", "caregiver": "answered by caregivers for themselves"}
 
 
 def _moments(questionnaire: Questionnaire) -> list[str]:

@@ -1,8 +1,9 @@
-"""Answers before and after sessions, and their changes: summaries, frequencies and tests."""
+"""Answers before and after sessions with their changes, after breaks, and of caregivers: summaries and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from statistics import fmean
 from typing import Annotated
 
 import numpy as np
@@ -32,26 +33,34 @@ from avrgym.analysis.statistics.comparisons import (
 )
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.commands.respondents import PROXY
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
 BEFORE, AFTER = SESSION_MOMENTS
 CHANGE = "change"
+MOMENT_LABELS = {
+    BEFORE: "before",
+    AFTER: "after",
+    CHANGE: "change",
+    "after_break": "after breaks",
+    "caregiver": "caregivers",
+}
+"""Labels of moments in tests, tables and figures."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the analysed answers to one item: before sessions, after sessions, or the change.
+    """Summary of the analysed answers to one item at one moment, or of the change over sessions.
 
-    Each participant has one value. The change is the answer after sessions minus the answer before sessions. A
-    participant without both answers has no change.
+    Each participant has one value: the mean of several answers after breaks or of caregivers. The change is the answer
+    after sessions minus the answer before sessions. A participant without both answers has no change.
     """
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
     item: ItemName
-    moment: Annotated[str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER}, {CHANGE}")]
+    moment: Annotated[str, Column("Moment of the answers.", allowed=", ".join(MOMENT_LABELS))]
     n: N
     by_proxy: ByProxy
     mean: Mean
@@ -62,8 +71,6 @@ class SessionAnswerRow:
     maximum: Maximum
 
 
-MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
-"""Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
 """Value of each participant, by (moment, item or scale) and by pseudonym."""
 
@@ -74,7 +81,7 @@ def session_questionnaires(design: Design) -> list[Questionnaire]:
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Returns summary rows of each item: before sessions, after sessions, and for the change."""
+    """Returns summary rows of each item: before sessions, after sessions, for the change, and at further moments."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -82,7 +89,30 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
             if values:
                 proxies = _participants_with_proxy(answers, simulated, moment, item.id)
                 rows.append(_summary(simulated, questionnaire.name, item.id, moment, values, len(proxies)))
-    return rows
+    return [*rows, *_further_rows(design, answers)]
+
+
+def further_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
+    """Returns the questionnaires after breaks and of caregivers with their moment, in the order of the design."""
+    return [
+        (each, moment)
+        for each in design.questionnaires
+        for moment in FURTHER_MOMENTS
+        if moment in each.moments
+    ]
+
+
+def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[SessionAnswerRow]:
+    """Yields summary rows of the answers after breaks and of caregivers, first of people."""
+    for simulated, (questionnaire, moment) in product((False, True), further_questionnaires(design)):
+        for item in questionnaire.items:
+            given: dict[str, list[float]] = {}
+            for row in _counted(answers, simulated, moment, item.id):
+                given.setdefault(row.participant, []).append(row.value)
+            if given:
+                proxies = _participants_with_proxy(answers, simulated, moment, item.id)
+                means = [fmean(values) for values in given.values()]
+                yield _summary(simulated, questionnaire.name, item.id, moment, means, len(proxies))
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:

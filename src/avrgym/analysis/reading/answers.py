@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 from avrgym.analysis.reading.rows import AnswerRow, ProblemRow, ScoreRow
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
+from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -76,10 +76,11 @@ def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     """Returns the ids of the analysed answers about sessions.
 
-    For each item, these are the latest answer after a session, and the latest answer before that session.
+    For each item, these are the latest answer after a session, and the latest answer before that session. Of answers
+    after breaks and of caregivers, all are analysed.
     """
     before, after = SESSION_MOMENTS
-    ids: set[int] = set()
+    ids = {answer.stored.id for answer in answers if answer.moment in FURTHER_MOMENTS}
     for item in {answer.stored.item for answer in answers}:
         own = {answer.stored.id: answer.moment for answer in answers if answer.stored.item == item}
         last = max((each for each in own if own[each] == after), default=None)

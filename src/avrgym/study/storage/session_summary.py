@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from avrgym.study.storage.answers import sessions_of_visit
-from avrgym.study.storage.rows import StudyEvent, StudySession, pseudonym_of
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.rows import StudyEvent, StudySession, participant_number, pseudonym_of
+from avrgym.study.storage.store import Store, find_all
 
 HEADSET_USED, BREAK_BEGUN = "headset used", "break begun"
 """Names of the events for a time in VR, and for the start of a break."""
@@ -26,7 +26,7 @@ class SessionSummary:
 
 def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
     """Returns a summary of each session of a participant, in order."""
-    events = store.events()
+    events = _events_of(store, pseudonym)
     completed = [each.session for each in store.attempts(pseudonym) if each.state == "completed"]
     return [
         SessionSummary(
@@ -44,8 +44,17 @@ def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
 
 def earlier_headset_s(store: Store, session: StudySession) -> float:
     """Returns the time in VR (s) in the interrupted sessions directly before a session."""
-    sessions = store.sessions(pseudonym_of(session.participant))
-    return _headset_s(store.events(), set(sessions_of_visit(sessions, session.id)) - {session.id})
+    pseudonym = pseudonym_of(session.participant)
+    sessions = store.sessions(pseudonym)
+    return _headset_s(
+        _events_of(store, pseudonym), set(sessions_of_visit(sessions, session.id)) - {session.id}
+    )
+
+
+def _events_of(store: Store, pseudonym: str) -> list[StudyEvent]:
+    """Returns the events of a participant, in the order of storage."""
+    with store.database.read() as connection:
+        return find_all(connection, StudyEvent, participant=participant_number(pseudonym))
 
 
 def _headset_s(events: Iterable[StudyEvent], sessions: set[int]) -> float:
