@@ -16,9 +16,9 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from avrgym.learning.lerobot_dataset import FeatureStatistics
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
-from avrgym.study.export.lerobot import statistics
 from avrgym.study.export.table_files import escape_formula, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
@@ -421,7 +421,7 @@ def check_quantiles(column: Any, found: dict[str, Any]) -> None:
 @pytest.mark.parametrize("shape", [(1,), (7,), (200,), (1, 3), (200, 7)])
 def test_lerobot_quantiles_match_numpy(shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(5).normal(size=shape).astype(np.float32)
-    found = statistics(values)
+    found = FeatureStatistics(values).values()
     check_quantiles(values, found)
     ordered = [found[name] for name in ("min", "q01", "q10", "q50", "q90", "q99", "max")]
     assert (np.diff(ordered, axis=0) >= 0.0).all()

@@ -6,8 +6,11 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import PEOPLE, Impairment, SceneSettings, Seed
+from avrgym.cli.options import PEOPLE, EpisodeSteps, Impairment, SceneSettings, Seed
+from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import print_line, report_errors
+from avrgym.policies.names import POLICY_CHOICES
+from avrgym.tasks.constants import EPISODE_STEPS
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
@@ -39,6 +42,69 @@ def export_policy(
                 f"It was trained with exploration noise (standard deviation {found.action_std:g}); "
                 "the file returns mean actions."
             )
+
+
+@app.command("demonstrations")
+def export_demonstrations(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
+    out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
+    policy: Annotated[
+        str, typer.Option(help=f"The policy that the simulated operator follows: {POLICY_CHOICES}.")
+    ] = "oracle",
+    episodes: Annotated[int, typer.Option(help="Number of successful episodes.", min=1)] = 50,
+    people: Annotated[str, typer.Option(help=f"Population of people: {PEOPLE}.")] = "revised",
+    impairment: Impairment = "none",
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(help="Colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"),
+    ] = None,
+    settings: SceneSettings = None,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
+    seed: Seed = 0,
+) -> None:
+    """Write demonstrations of a simulated operator as a LeRobot dataset.
+
+    The operator acts 0.2 s later and less precisely than the policy. Failed attempts are discarded.
+    """
+    from avrgym.learning import demonstrations
+    from avrgym.learning.lerobot_dataset import write_dataset
+    from avrgym.models.cameras import as_cameras
+    from avrgym.policies.registry import find
+    from avrgym.system.files import write_folder_atomically
+    from avrgym.tasks.episodes import Episodes
+    from avrgym.tasks.settings import parse_settings
+
+    with report_errors():
+        if out.exists():
+            raise FileExistsError(f"{out} already exists; choose another name")
+        changes = parse_settings(settings or [])
+        world = Episodes(
+            env,
+            min(episodes, demonstrations.MAX_WORLDS),
+            people=people,
+            impairment=impairment,
+            settings=changes,
+        )
+        cameras = as_cameras(camera or [], world.scene.robot)
+        totals = demonstrations.DemonstrationTotals(0, 0)
+        with progress_bar(f"demonstrating {env}", episodes, "episodes") as bar:
+
+            def report(latest: demonstrations.DemonstrationTotals) -> None:
+                nonlocal totals
+                totals = latest
+                bar.show(totals.successes)
+
+            shown = demonstrations.demonstrate(
+                world, find(policy, env, changes), episodes, episode_steps, seed, cameras, report
+            )
+            about = {
+                "observation": world.observation,
+                "scene": world.scene,
+                "control_hz": world.settings.control_hz,
+            }
+            write_folder_atomically(out, lambda folder: write_dataset(folder, shown, **about))
+        print_line(f"dataset   {out}")
+        print_line(f"successes {totals.successes} of {totals.attempts} attempts")
 
 
 @app.command("scene")

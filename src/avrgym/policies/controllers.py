@@ -51,12 +51,17 @@ class ControllerError(RuntimeError):
     """
 
 
+def _prepare_nothing() -> None:
+    """Does nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class ExternalController:
     """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
     ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
-    the controller needs. ``takes_commands``: the controller receives the participant's commands.
+    the controller needs. ``takes_commands``: the controller receives the participant's commands. ``prepare`` loads
+    what takes long; sessions call it before the first trial.
     """
 
     name: str
@@ -64,6 +69,7 @@ class ExternalController:
     plugin: UsedPlugin | None = None
     cameras: tuple[AnyCamera, ...] = ()
     takes_commands: bool = False
+    prepare: Callable[[], None] = _prepare_nothing
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:

@@ -17,7 +17,7 @@ from avrgym.models.cameras import (
     as_cameras,
 )
 from avrgym.networks.vision import network_input
-from avrgym.policies import controllers
+from avrgym.policies import controllers, lerobot
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED_POLICIES, SCRIPTS
@@ -27,7 +27,7 @@ from avrgym.robots.registry import SKIPPED_PLUGINS as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import SKIPPED_PLUGINS as BROKEN_TASKS
-from avrgym.tasks.registry import observation_and_action_size, plugins_of, task_and_scene
+from avrgym.tasks.registry import instruction, observation_and_action_size, plugins_of, task_and_scene
 from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
 
 ActionFunction = Callable[[FloatArray], FloatArray]
@@ -81,7 +81,7 @@ def find(
 
     Args:
         name: name of a packaged policy, a script or a registered controller; path of a ``.safetensors`` or ``.onnx``
-            file; or ``module:attribute``.
+            file; ``module:attribute``; or ``lerobot:FOLDER``.
         environment_id: such as ``avrgym/FeedingJaco-v1``.
         settings: settings of the environment.
         allow_other_environment: whether to allow a policy that was trained for another environment.
@@ -108,6 +108,13 @@ def find(
             _check_settings(policy, name, settings)
         cameras_of(policy, environment_id)
         return policy
+    if lerobot.is_lerobot(name):
+        task, scene = task_and_scene(environment_id, settings)
+        controller = lerobot.find_lerobot(
+            name, task.observation(scene), action_size, instruction(environment_id, settings)
+        )
+        cameras_of(controller, environment_id)
+        return controller
     if name in controllers.registered_controllers() or ":" in name:
         registered = name in controllers.registered_controllers()
         controller = controllers.find_registered(name) if registered else controllers.find_python(name)
@@ -134,10 +141,21 @@ def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
 def find_for_session(
     name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
 ) -> AnyPolicy:
-    """Load and return a policy like ``find``, or ``HumanOperator`` for the name ``operator``."""
+    """Load and return a policy like ``find``, or ``HumanOperator`` for the name ``operator``.
+
+    The process of a LeRobot policy is started, to prevent a delay in the first trial.
+    """
     if name == OPERATOR:
         return HumanOperator()
-    return find(name, environment_id, settings, allow_other_settings=allow_other_settings)
+    policy = find(name, environment_id, settings, allow_other_settings=allow_other_settings)
+    if isinstance(policy, ExternalController):
+        policy.prepare()
+    return policy
+
+
+def used_controller(name: str) -> UsedPlugin | None:
+    """Returns the installed version of a controller by the policy's name; ``None`` for policies of AVR Gym."""
+    return lerobot.plugin_of_lerobot(name) if lerobot.is_lerobot(name) else controllers.used_plugin(name)
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:

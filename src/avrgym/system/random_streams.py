@@ -90,6 +90,11 @@ def device_minibatch_seed(seed: int, steps: int) -> int:
     return int(default_rng([seed, 6, steps]).integers(2**63))
 
 
+def demonstration_generator(seed: int, attempt: int) -> Generator:
+    """Returns the random generator for an attempt of a simulated operator: person, initial state and noise."""
+    return default_rng([seed, 7, attempt])
+
+
 # Single episodes, environments and people; Gymnasium's environments have their own ``np_random``
 
 

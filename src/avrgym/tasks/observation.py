@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from avrgym.array_types import FloatArray, IntArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
@@ -135,6 +135,18 @@ def value_names(observation: Observation) -> list[str]:
         for entry in observation.entries
         for end in ends.get(entry.size) or [f"_{number + 1}" for number in range(entry.size)]
     ]
+
+
+MEASURED_ENTRIES = (
+    "tool_from_torso_m", "tool_rotation", "arm_angles_rad", "joint_positions", "tool_force_n",
+)  # fmt: skip
+"""Names of the entries that a robot measures itself: joint positions, the tool's pose and the force at the tool."""
+
+
+def measured_by_robot(observation: Observation) -> BoolArray:
+    """Returns a mask (O,) of the values that the robot measures itself. The others need cameras or other sensors."""
+    measured = [entry.name in MEASURED_ENTRIES for entry in observation.entries]
+    return np.repeat(measured, [entry.size for entry in observation.entries])
 
 
 def joint_positions(scene: SceneConfig) -> Entry:

@@ -150,6 +150,16 @@ def task_goal(name: str, settings: Settings) -> str:
     return task.goal if settings.served_arm in (None, task.served_arm) else with_other_arm(task.goal)
 
 
+def instruction(environment_id: str, settings: Settings = DEFAULTS) -> str:
+    """Returns the task of an environment as an instruction for policies that take language.
+
+    Raises:
+        ValueError: for an unknown id. The message lists the ids.
+    """
+    goal = task_goal(find_environment(environment_id)[0], settings)
+    return f"Help the person: {goal[0].lower()}{goal[1:]}".replace(" your ", " their ")
+
+
 def observation_and_action_size(environment_id: str) -> tuple[int, int]:
     """Returns the lengths of observation and action in an environment.
 

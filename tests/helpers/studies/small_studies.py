@@ -42,7 +42,7 @@ from helpers.system.processes import kill_with_parent
 STEPS = 3
 METRICS = Metrics(STEPS, reward=-1.5, success=True, seconds=4.0)
 TORSO_HEIGHT_M = 0.5625
-OBSERVATION = [0.25, -1.0, 0.5]
+OBSERVATION = [0.25, -1.0, 0.5, *[0.0] * 22]
 HEARTBEATS = [[float(number)] for number in range(30)]
 STREAMS = (
     Stream("heart", "Belt", "ECG", 100.0, ["ecg"], ["microvolts"]),

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from avrgym.policies import controllers
+from avrgym.policies.registry import used_controller
 from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.finding import Finding
@@ -85,7 +85,7 @@ def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
     """Returns the installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
-    controller = controllers.used_plugin(configuration.policy)
+    controller = used_controller(configuration.policy)
     return {each.label: each for each in [*found, *([controller] if controller else [])]}
 
 

@@ -1,0 +1,100 @@
+"""An environment of one world with the observations and attributes that LeRobot expects."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from avrgym.array_types import Float32Array, NumpyArray
+from avrgym.envs.single import AssistiveEnv
+from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation
+from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE, state_features
+from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.tasks.registry import instruction
+
+ENTRIES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
+"""Names of the entries of observations, by LeRobot's names of the features."""
+LeRobotObservation = dict[str, Any]
+
+
+class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
+    """Environment of one world in LeRobot's convention.
+
+    Observations are dictionaries of single precision: ``agent_pos`` is what the robot measures itself,
+    ``environment_state`` the rest of the observation, see ``state_features``. With cameras, ``pixels`` contains colour
+    images such as ``wrist_rgb``. ``info`` also contains ``is_success``.
+    """
+
+    metadata = AssistiveEnv.metadata
+
+    def __init__(
+        self,
+        environment_id: str,
+        *,
+        cameras: Sequence[AnyCamera] = (),
+        render_mode: str | None = "rgb_array",
+        episode_steps: int = EPISODE_STEPS,
+        **arguments: Any,
+    ) -> None:
+        """Create one world. ``arguments`` are those of ``AssistiveEnv``, which raises the errors."""
+        self._world = AssistiveEnv(
+            environment_id,
+            cameras=cameras,
+            render_mode=render_mode,
+            max_episode_steps=episode_steps,
+            **arguments,
+        )
+        self.metadata, self.render_mode = self._world.metadata, render_mode
+        self.task = self.task_description = instruction(environment_id, self._world.episodes.settings)
+        self._max_episode_steps = episode_steps
+        self.action_space = self._world.action_space
+        example = self._converted(self._world.observation_space.sample())
+        self.observation_space = _space_like(example)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[LeRobotObservation, dict[str, Any]]:
+        """Start an episode. Returns the first observation and info."""
+        super().reset(seed=seed)
+        observation, info = self._world.reset(seed=seed)
+        return self._converted(observation), {**info, "is_success": info["success"]}
+
+    def step(self, action: Float32Array) -> tuple[LeRobotObservation, float, bool, bool, dict[str, Any]]:
+        """Perform one control step. Returns observation, reward, terminated, truncated and info."""
+        observation, reward, terminated, truncated, info = self._world.step(action)
+        return (
+            self._converted(observation),
+            reward,
+            terminated,
+            truncated,
+            {**info, "is_success": info["success"]},
+        )
+
+    def render(self) -> NumpyArray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Returns an image (H, W, 3) of the scene."""
+        return self._world.render()
+
+    def close(self) -> None:
+        """Free the graphics memory."""
+        self._world.close()
+
+    def _converted(self, observation: AnyObservation) -> LeRobotObservation:
+        entries = observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
+        states = state_features(self._world.episodes.observation, entries[STATE_ENTRY].astype(np.float32))
+        found: LeRobotObservation = {ENTRIES[name]: part for name, part in states.items()}
+        pixels = {name: image for name, image in entries.items() if image.dtype == np.uint8}
+        return {**found, "pixels": pixels} if pixels else found
+
+
+def _space_like(example: LeRobotObservation) -> gym.spaces.Dict:
+    """Returns the space of observations with the shapes of an example."""
+    spaces: dict[str, gym.Space[Any]] = {}
+    for name, value in example.items():
+        if isinstance(value, dict):
+            spaces[name] = _space_like(value)
+        elif value.dtype == np.uint8:
+            spaces[name] = gym.spaces.Box(0, 255, value.shape, np.uint8)
+        else:
+            spaces[name] = gym.spaces.Box(-np.inf, np.inf, value.shape, np.float32)
+    return gym.spaces.Dict(spaces)

@@ -1,0 +1,142 @@
+"""Demonstrations of a simulated person who teleoperates the robot, for imitation in other programs.
+
+The person intends the actions of a policy, by default the task's expert, but acts later and less precisely. The delay
+is that of reactions to seen events, about 0.2 s (Woods et al., Front. Hum. Neurosci. 9:131, 2015). The noise grows with
+the commanded speed (Harris and Wolpert, Nature 394, 1998), like that of simulated people, see ``people.motor``.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.learning.lerobot_dataset import DatasetEpisode
+from avrgym.models.cameras import CameraSpec
+from avrgym.people.motor import NOISE_SHARE
+from avrgym.policies import registry
+from avrgym.system.random_streams import demonstration_generator
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import instruction
+
+DELAY_S = 0.2
+NOISE_CORRELATION_S = 0.3
+"""Time constant of the noise, which is a first-order autoregressive process."""
+MAX_ATTEMPTS_PER_EPISODE = 10
+"""Maximum number of attempts for each successful episode."""
+MAX_WORLDS = 16
+
+
+class SimulatedOperator:
+    """Delays the actions of N worlds and adds noise, as a person does who teleoperates the robot."""
+
+    def __init__(self, generators: Sequence[np.random.Generator], action_size: int, control_hz: int) -> None:
+        """Start an episode in each world, with the world's random generator."""
+        self._generators = generators
+        zero = np.zeros((len(generators), action_size))
+        self._intended = deque([zero] * (round(DELAY_S * control_hz) + 1), round(DELAY_S * control_hz) + 1)
+        self._noise = zero
+        self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
+
+    def act(self, intended: FloatArray) -> FloatArray:
+        """Returns the person's actions (N, A), given the intended actions (N, A) of the present step."""
+        self._intended.append(intended)
+        fresh = np.stack([each.standard_normal(intended.shape[1]) for each in self._generators])
+        self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
+        return np.clip(self._intended[0] * (1.0 + NOISE_SHARE * self._noise), -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class DemonstrationTotals:
+    """Numbers of successful episodes and of all attempts."""
+
+    successes: int
+    attempts: int
+
+
+def demonstrate(
+    world: Episodes,
+    policy: registry.RobotPolicy,
+    episodes: int,
+    steps: int,
+    seed: int,
+    cameras: Sequence[CameraSpec] = (),
+    report: Callable[[DemonstrationTotals], None] = lambda totals: None,
+) -> Generator[DatasetEpisode]:
+    """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as a person would do.
+
+    Args:
+        world: N worlds. Their number does not change the episodes.
+        policy: the policy whose actions the operator intends.
+        episodes: number of successful episodes.
+        steps: number of control steps of an episode.
+        seed: determines people, initial states and the operator's noise.
+        cameras: cameras that are rendered at the start of each control step.
+        report: called after each attempt, with the numbers so far.
+
+    Raises:
+        ValueError: if fewer episodes than ``episodes`` succeed in 10 times as many attempts.
+    """
+    count = world.simulation.num_worlds
+    successes = attempts = 0
+    while successes < episodes:
+        numbers = range(attempts, attempts + count)
+        for episode in _run(world, policy, [*numbers], steps, seed, cameras):
+            attempts += 1
+            if bool(episode.successes[-1]):
+                successes += 1
+                yield episode
+            report(DemonstrationTotals(successes, attempts))
+            if successes == episodes:
+                return
+            if attempts == MAX_ATTEMPTS_PER_EPISODE * episodes:
+                raise ValueError(
+                    f"{successes} of {attempts} attempts succeeded; use a policy with more success in this environment"
+                )
+
+
+def _run(
+    world: Episodes,
+    policy: registry.RobotPolicy,
+    numbers: list[int],
+    steps: int,
+    seed: int,
+    cameras: Sequence[CameraSpec],
+) -> Generator[DatasetEpisode]:
+    """Run one attempt in each world. Yields them in the order of their numbers."""
+    generators = [demonstration_generator(seed, number) for number in numbers]
+    observation = world.reset(np.arange(len(numbers)), generators)
+    operator = SimulatedOperator(generators, world.action_size, world.settings.control_hz)
+    found: dict[str, list[FloatArray]] = {}
+    with registry.open_policy(policy, world, generators) as act:
+        for _ in range(steps):
+            action = operator.act(act(observation).astype(float))
+            images = world.images(cameras) if cameras else {}
+            step = world.step(action)
+            values = {
+                "observations": observation,
+                "actions": action,
+                "rewards": step.reward,
+                "successes": step.success,
+                "forces_on_person_n": step.force_on_person_n,
+                **images,
+            }
+            for name, value in values.items():
+                found.setdefault(name, []).append(value)
+            observation = step.observation
+    arrays = {name: np.stack(values, axis=1) for name, values in found.items()}
+    for row, number in enumerate(numbers):
+        own = {name: array[row] for name, array in arrays.items()}
+        person = world.people.person(row)
+        yield DatasetEpisode(
+            instruction(world.environment_id, world.settings),
+            **{name: own.pop(name) for name in [*own] if name not in images},
+            images=own,
+            labels={
+                "attempt": number,
+                "seed": seed,
+                "person/sex": person.sex,
+                "person/torso_height_m": person.torso_height_m,
+            },
+        )

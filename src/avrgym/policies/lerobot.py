@@ -1,0 +1,294 @@
+"""Pretrained policies of LeRobot as controllers: ``--policy lerobot:FOLDER``.
+
+The policy runs in a process of its own, see ``lerobot_worker``. LeRobot chooses the rate of the network: its
+``select_action`` returns an action in every control step, from a chunk of actions or from their temporal ensemble.
+"""
+
+import atexit
+import base64
+import hashlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrgym.array_types import NumpyArray
+from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraSpec
+from avrgym.policies.controllers import ControllerError, ExternalController
+from avrgym.policies.trained import PolicyError
+from avrgym.system.type_guards import is_table
+from avrgym.system.used_plugins import UsedPlugin
+from avrgym.tasks.observation import Observation, measured_by_robot
+
+PREFIX = "lerobot:"
+PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
+"""Environment variable: the Python that has LeRobot, if it is not the one that runs AVR Gym."""
+STATE, ENVIRONMENT_STATE, IMAGES = "observation.state", "observation.environment_state", "observation.images."
+"""Names of the features in LeRobot: what the robot measures itself, the rest of the observation, prefix of images."""
+LOADING_TIMEOUT_S, ANSWER_TIMEOUT_S = 300.0, 10.0
+CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
+
+
+def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
+    """Divide observations (..., O) into LeRobot's features, by their names.
+
+    ``observation.state`` contains the entries that the robot measures itself, ``observation.environment_state`` the
+    others, both in the order of the observation.
+    """
+    measured = measured_by_robot(observation)
+    parts = {STATE: values[..., measured], ENVIRONMENT_STATE: values[..., ~measured]}
+    return {name: part for name, part in parts.items() if part.shape[-1]}
+
+
+def is_lerobot(name: str) -> bool:
+    """Returns whether the name of a policy has the form ``lerobot:FOLDER``."""
+    return name.startswith(PREFIX)
+
+
+def weights_file(name: str) -> Path:
+    """Returns the file of weights of the policy ``lerobot:FOLDER``."""
+    return Path(name.removeprefix(PREFIX)) / WEIGHTS
+
+
+def plugin_of_lerobot(name: str) -> UsedPlugin:
+    """Returns the policy ``lerobot:FOLDER`` with the hash of its files."""
+    found = hashlib.sha256()
+    for path in sorted(Path(name.removeprefix(PREFIX)).glob("*")):
+        if path.suffix in (".json", ".safetensors") and path.name != "train_config.json":
+            data = path.read_bytes()
+            found.update(f"{path.name}\0{len(data)}\0".encode() + data)
+    return UsedPlugin("controller", name, name, sha256=found.hexdigest())
+
+
+def find_lerobot(
+    name: str, observation: Observation, action_size: int, instruction: str
+) -> ExternalController:
+    """Returns the policy ``lerobot:FOLDER`` as a controller. Its process starts with the first instance.
+
+    Args:
+        name: ``lerobot:`` and a folder ``pretrained_model`` of ``lerobot-train``.
+        observation: the environment's observation.
+        action_size: the length of the environment's actions.
+        instruction: the task as text.
+
+    Raises:
+        PolicyError: if the folder contains no policy, or a policy with other inputs or another output.
+    """
+    folder = Path(name.removeprefix(PREFIX))
+    inputs, outputs = _features(name, folder)
+    sizes = {
+        feature: part.shape[-1]
+        for feature, part in state_features(observation, np.zeros(observation.size)).items()
+    }
+    cameras: list[CameraSpec] = []
+    for feature, shape in inputs.items():
+        if feature.startswith(IMAGES) and feature.endswith("_rgb") and len(shape) == 3:
+            try:
+                cameras.append(CameraSpec(feature.removeprefix(IMAGES)[: -len("_rgb")], shape[2], shape[1]))
+            except ValueError as error:
+                raise PolicyError(f"{name}: {error}") from error
+        elif shape != [sizes.get(feature)]:
+            allowed = ", ".join([f"{each} [{size}]" for each, size in sizes.items()])
+            raise PolicyError(
+                f"{name}: the policy's input is {feature} {shape}; allowed: {allowed}, {IMAGES}CAMERA_rgb "
+                "[3, HEIGHT, WIDTH]; train it with a dataset of this environment"
+            )
+    if outputs != {"action": [action_size]}:
+        raise PolicyError(f"{name}: the policy's outputs are {outputs}; allowed: action [{action_size}]")
+    features = [feature for feature in inputs if feature in sizes]
+    return ExternalController(
+        name,
+        lambda: LeRobotController(_process(str(folder.resolve())), observation, features, instruction),
+        plugin_of_lerobot(name),
+        tuple(cameras),
+        prepare=lambda: _process(str(folder.resolve())).start(),
+    )
+
+
+def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Returns the shapes of a policy's inputs and outputs, by their names in LeRobot."""
+    try:
+        configuration = json.loads((folder / CONFIGURATION).read_bytes())
+        shapes = [
+            {feature: [*about["shape"]] for feature, about in configuration[key].items()}
+            for key in ("input_features", "output_features")
+        ]
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise PolicyError(
+            f"{name}: the folder contains no LeRobot policy ({type(error).__name__}: {error}); allowed: a folder "
+            "pretrained_model of lerobot-train"
+        ) from error
+    if not (folder / WEIGHTS).is_file():
+        raise PolicyError(f"{name}: the file {WEIGHTS} is missing; copy the whole folder pretrained_model")
+    return shapes[0], shapes[1]
+
+
+class LeRobotController:
+    """One episode after another with a policy in another process. Many controllers share the process."""
+
+    _numbers = itertools.count()
+
+    def __init__(
+        self, process: "PolicyProcess", observation: Observation, features: list[str], instruction: str
+    ) -> None:
+        """Use the policy in ``process``. ``features``: names of its inputs that are not images."""
+        self._process, self._observation, self._features = process, observation, features
+        self._instruction, self._session = instruction, next(self._numbers)
+        process.start()
+
+    def reset(self, seed: int, environment: str) -> None:
+        """Start an episode: clear the queue of actions. The seed determines the policy's noise."""
+        self._process.request({"session": self._session, "seed": seed})
+
+    def act(self, observation: AnyObservation) -> ArrayLike:
+        """Returns the policy's action (A,) for an observation (O,), or for a dictionary with images.
+
+        Raises:
+            ControllerError: if the policy fails or its process has ended.
+        """
+        entries: Mapping[str, NumpyArray] = (
+            observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
+        )
+        states = state_features(self._observation, entries[STATE_ENTRY])
+        features: dict[str, Any] = {name: states[name].tolist() for name in self._features}
+        for name, image in entries.items():
+            if name != STATE_ENTRY:
+                data = base64.b64encode(image.tobytes()).decode()
+                features[IMAGES + name] = {"shape": image.shape, "data": data}
+        return self._process.request({"session": self._session, "task": self._instruction, **features})[
+            "action"
+        ]
+
+    def close(self) -> None:
+        """End the session. The process continues for the next episodes, until this program ends."""
+        if self._process.is_running:
+            self._process.request({"session": self._session, "end": True})
+
+
+class PolicyProcess:
+    """The process of one policy. It ends with this program."""
+
+    def __init__(self, command: list[str], environment: Mapping[str, str]) -> None:
+        """Store the command. ``environment``: additional environment variables."""
+        self._command, self._environment = command, environment
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._errors: IO[bytes] | None = None
+        atexit.register(self.stop)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.poll() is None
+
+    def start(self) -> None:
+        """Start the process if it does not run, and wait until it has loaded the policy.
+
+        Raises:
+            PolicyError: if the policy cannot be loaded.
+        """
+        with self._lock:
+            if self.is_running:
+                return
+            self._stop()
+            self._errors = tempfile.TemporaryFile()  # noqa: SIM115 it is open as long as the process runs
+            try:
+                self._process = subprocess.Popen(
+                    self._command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=self._errors,
+                    env={**os.environ, **self._environment},
+                )
+                self._answer(LOADING_TIMEOUT_S)
+            except (OSError, ControllerError) as error:
+                self._stop()
+                raise PolicyError(
+                    f"{self._command[-1]}: {error}; install LeRobot with `pip install lerobot`, or set "
+                    f"{PYTHON_VARIABLE} to the Python of an environment that has it"
+                ) from error
+
+    def request(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a request. Returns the answer.
+
+        Raises:
+            ControllerError: if the policy fails, does not answer, or its process has ended.
+        """
+        with self._lock:
+            process = self._process
+            if process is None or process.stdin is None:
+                raise ControllerError("exception: the process of the LeRobot policy has ended")
+            try:
+                process.stdin.write(json.dumps(request).encode() + b"\n")
+                process.stdin.flush()
+            except OSError as error:
+                raise ControllerError(f"exception: the process has ended ({self._last_error()})") from error
+            return self._answer(ANSWER_TIMEOUT_S)
+
+    def stop(self) -> None:
+        """End the process."""
+        with self._lock:
+            self._stop()
+
+    def _stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+        if self._errors is not None:
+            self._errors.close()
+        self._process = self._errors = None
+
+    def _answer(self, timeout_s: float) -> dict[str, Any]:
+        """Returns the next answer. Ends the process if there is none in time."""
+        process = self._process
+        assert process is not None
+        assert process.stdout is not None
+        is_late = threading.Event()
+
+        def kill() -> None:
+            is_late.set()
+            process.kill()
+
+        timer = threading.Timer(timeout_s, kill)
+        timer.start()
+        line = process.stdout.readline()
+        timer.cancel()
+        if is_late.is_set():
+            raise ControllerError(f"late: no answer of the LeRobot policy within {timeout_s:.0f} s")
+        try:
+            answer: object = json.loads(line)
+        except ValueError:
+            answer = None
+        if not is_table(answer):
+            raise ControllerError(f"exception: the process has ended ({self._last_error()})")
+        if "error" in answer:
+            raise ControllerError(f"exception: {' '.join(str(answer['error']).split())[:300]}")
+        return dict(answer)
+
+    def _last_error(self) -> str:
+        """Returns the last line that the process has written to standard error."""
+        if self._errors is None:
+            return "no error message"
+        size = self._errors.seek(0, os.SEEK_END)
+        self._errors.seek(max(0, size - 4096))
+        lines = self._errors.read().decode(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "no error message")
+
+
+@cache
+def _process(folder: str) -> PolicyProcess:
+    """Returns the process of the policy in a folder. All its controllers in this program share it."""
+    python = os.environ.get(PYTHON_VARIABLE) or sys.executable
+    worker = Path(__file__).with_name("lerobot_worker.py")
+    options = ["-P"]  # the module avrgym.policies.lerobot must not replace the package lerobot
+    return PolicyProcess([python, *options, str(worker), folder], {"HF_HUB_OFFLINE": "1"})
