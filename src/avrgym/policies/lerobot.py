@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import IO, Any
@@ -171,7 +172,7 @@ class LeRobotController:
 
     def close(self) -> None:
         """End the session. The process continues for the next episodes, until this program ends."""
-        if self._process.is_running:
+        with suppress(ControllerError):
             self._process.request({"session": self._session, "end": True})
 
 
@@ -232,7 +233,7 @@ class PolicyProcess:
                 process.stdin.write(json.dumps(request).encode() + b"\n")
                 process.stdin.flush()
             except OSError as error:
-                raise ControllerError(f"exception: the process has ended ({self._last_error()})") from error
+                raise self._crash() from error
             return self._answer(ANSWER_TIMEOUT_S)
 
     def stop(self) -> None:
@@ -264,16 +265,23 @@ class PolicyProcess:
         line = process.stdout.readline()
         timer.cancel()
         if is_late.is_set():
+            self._stop()
             raise ControllerError(f"late: no answer of the LeRobot policy within {timeout_s:.0f} s")
         try:
             answer: object = json.loads(line)
         except ValueError:
             answer = None
         if not is_table(answer):
-            raise ControllerError(f"exception: the process has ended ({self._last_error()})")
+            raise self._crash()
         if "error" in answer:
             raise ControllerError(f"exception: {' '.join(str(answer['error']).split())[:300]}")
         return dict(answer)
+
+    def _crash(self) -> ControllerError:
+        """Clean up after the process has ended by itself. Returns the error with the last line of its messages."""
+        reason = self._last_error()
+        self._stop()
+        return ControllerError(f"exception: the process has ended ({reason})")
 
     def _last_error(self) -> str:
         """Returns the last line that the process has written to standard error."""

@@ -15,7 +15,7 @@ from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE
 
-from avrgym.envs.lerobot.environment import LeRobotEnv
+from avrgym.envs.lerobot_environment import LeRobotEnv
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 

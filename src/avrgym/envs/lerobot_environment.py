@@ -45,6 +45,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
             max_episode_steps=episode_steps,
             **arguments,
         )
+        self.observed = self._world.episodes.observation
         self.metadata, self.render_mode = self._world.metadata, render_mode
         self.task = self.task_description = instruction(environment_id, self._world.episodes.settings)
         self._max_episode_steps = episode_steps
@@ -81,7 +82,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
 
     def _converted(self, observation: AnyObservation) -> LeRobotObservation:
         entries = observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
-        states = state_features(self._world.episodes.observation, entries[STATE_ENTRY].astype(np.float32))
+        states = state_features(self.observed, entries[STATE_ENTRY].astype(np.float32))
         found: LeRobotObservation = {ENTRIES[name]: part for name, part in states.items()}
         pixels = {name: image for name, image in entries.items() if image.dtype == np.uint8}
         return {**found, "pixels": pixels} if pixels else found
