@@ -4,13 +4,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.cameras import CameraSpec
-from avrgym.policies.controllers import ControllerError
+from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.lerobot import LeRobotController, PolicyProcess, state_features
 from avrgym.policies.registry import find, used_controller
 from avrgym.policies.trained import PolicyError
@@ -47,6 +48,16 @@ def test_every_value_is_in_one_feature_and_the_robot_measures_no_person(environm
     )
 
 
+def found(name: str) -> ExternalController:
+    policy = find(name, ENVIRONMENT)
+    assert isinstance(policy, ExternalController)
+    return policy
+
+
+def act(policy: Any, observation: Any = ROW) -> list[float]:
+    return policy.act(observation)
+
+
 @pytest.fixture
 def process() -> Iterator[PolicyProcess]:
     process = PolicyProcess([sys.executable, "-c", STUB], {})
@@ -62,14 +73,14 @@ def test_controllers_share_a_process_and_have_their_own_episodes(process: Policy
     first, second = controller(process), controller(process)
     first.reset(10, ENVIRONMENT)
     second.reset(20, ENVIRONMENT)
-    assert [first.act(ROW)[0], first.act(ROW)[0], second.act(ROW)[0]] == [11, 12, 21]
+    assert [act(first, ROW)[0], act(first, ROW)[0], act(second, ROW)[0]] == [11, 12, 21]
     assert (
-        first.act(ROW)[1:] == state_features(observation_of(ENVIRONMENT), ROW)["observation.state"].tolist()
+        act(first, ROW)[1:] == state_features(observation_of(ENVIRONMENT), ROW)["observation.state"].tolist()
     )
     first.close()
     with pytest.raises(ControllerError, match="exception: KeyError: no such session"):
-        first.act(ROW)
-    assert second.act(ROW)[0] == 22
+        act(first, ROW)
+    assert act(second, ROW)[0] == 22
 
 
 def test_after_a_crash_the_next_controller_starts_the_process_again(process: PolicyProcess) -> None:
@@ -77,11 +88,11 @@ def test_after_a_crash_the_next_controller_starts_the_process_again(process: Pol
     crashed.reset(0, ENVIRONMENT)
     for words in (r"the process has ended \(Segmentation fault\)", "policy has ended"):
         with pytest.raises(ControllerError, match=words):
-            crashed.act(-ROW - 1.0)
+            act(crashed, -ROW - 1.0)
     crashed.close()
     following = controller(process)
     following.reset(0, ENVIRONMENT)
-    assert following.act(ROW)[0] == 1
+    assert act(following, ROW)[0] == 1
 
 
 def test_a_process_that_cannot_load_is_refused_with_the_next_step() -> None:
@@ -123,7 +134,7 @@ def test_a_policy_names_its_cameras_and_the_hash_of_its_files(tmp_path: Path) ->
     name = (
         f"lerobot:{save_configuration(tmp_path, {**FEATURES, 'observation.images.wrist_rgb': [3, 64, 80]})}"
     )
-    policy = find(name, ENVIRONMENT)
+    policy = found(name)
     assert policy.cameras == (CameraSpec("wrist", 80, 64),)
     assert policy.plugin == used_controller(name)
     (tmp_path / "model.safetensors").write_bytes(b"others")
@@ -158,11 +169,11 @@ def test_an_act_policy_drives_a_session_that_replays_bit_by_bit(tmp_path: Path, 
     assert not any(step.idle for step in steps)
     assert {step.driver for step in steps} == {name}
     assert verify(recording).identical
-    policy = find(name, ENVIRONMENT).make()
+    policy: Any = found(name).make()
     policy.reset(0, ENVIRONMENT)
-    expected = [policy.act(np.array(step.observation)) for step in steps]
+    expected = [act(policy, np.array(step.observation)) for step in steps]
     policy.close()
-    np.testing.assert_array_equal([step.action for step in steps], np.clip(np.float32(expected), -1.0, 1.0))
+    np.testing.assert_array_equal([step.action for step in steps], np.clip(np.array(expected, np.float32), -1.0, 1.0))
 
 
 @pytest.mark.slow
@@ -172,15 +183,16 @@ def test_images_temporal_ensembles_and_seeds(tmp_path: Path, python: str) -> Non
     name = f"lerobot:{save_act(python, tmp_path / 'act', features, **ensemble)}"
     one, same = (evaluate(ENVIRONMENT, name, "original", 2, 0, steps=3) for _ in range(2))
     assert one == same
-    first, second = (find(name, ENVIRONMENT).make() for _ in range(2))
+    makers: list[Any] = [found(name).make() for _ in range(2)]
+    first, second = makers
     pictures = [
         {"state": ROW, "wrist_rgb": np.full((64, 64, 3), colour, np.uint8)} for colour in (0, 255, 255)
     ]
     actions = []
-    for policy in (first, second):
-        policy.reset(0, ENVIRONMENT)
+    for each in makers:
+        each.reset(0, ENVIRONMENT)
     for picture in pictures:  # in turn: their ensembles do not mix
-        actions.append([first.act(picture), second.act(pictures[0])])
+        actions.append([act(first, picture), act(second, pictures[0])])
     first.close()
     second.close()
     np.testing.assert_array_equal(*actions[0])

@@ -11,6 +11,7 @@ from avrgym.envs.single import AssistiveEnv
 from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation
 from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE, state_features
 from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.system.type_guards import is_table
 from avrgym.tasks.registry import instruction
 
 ENTRIES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
@@ -92,7 +93,7 @@ def _space_like(example: LeRobotObservation) -> gym.spaces.Dict:
     """Returns the space of observations with the shapes of an example."""
     spaces: dict[str, gym.Space[Any]] = {}
     for name, value in example.items():
-        if isinstance(value, dict):
+        if is_table(value):
             spaces[name] = _space_like(value)
         elif value.dtype == np.uint8:
             spaces[name] = gym.spaces.Box(0, 255, value.shape, np.uint8)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
-from avrgym.models.cameras import CameraSpec
+from avrgym.models.cameras import CameraSpec, image_entries
 from avrgym.people.motor import NOISE_SHARE
 from avrgym.policies import registry
 from avrgym.system.random_streams import demonstration_generator
@@ -34,15 +34,16 @@ class SimulatedOperator:
     def __init__(self, generators: Sequence[np.random.Generator], action_size: int, control_hz: int) -> None:
         """Start an episode in each world, with the world's random generator."""
         self._generators = generators
-        zero = np.zeros((len(generators), action_size))
-        self._intended = deque([zero] * (round(DELAY_S * control_hz) + 1), round(DELAY_S * control_hz) + 1)
+        zero: FloatArray = np.zeros((len(generators), action_size))
+        length = round(DELAY_S * control_hz) + 1
+        self._intended: deque[FloatArray] = deque([zero] * length, length)
         self._noise = zero
         self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
 
     def act(self, intended: FloatArray) -> FloatArray:
         """Returns the person's actions (N, A), given the intended actions (N, A) of the present step."""
         self._intended.append(intended)
-        fresh = np.stack([each.standard_normal(intended.shape[1]) for each in self._generators])
+        fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)
         self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
         return np.clip(self._intended[0] * (1.0 + NOISE_SHARE * self._noise), -1.0, 1.0)
 
@@ -108,7 +109,7 @@ def _run(
     generators = [demonstration_generator(seed, number) for number in numbers]
     observation = world.reset(np.arange(len(numbers)), generators)
     operator = SimulatedOperator(generators, world.action_size, world.settings.control_hz)
-    found: dict[str, list[FloatArray]] = {}
+    found: dict[str, list[NumpyArray]] = {}
     with registry.open_policy(policy, world, generators) as act:
         for _ in range(steps):
             action = operator.act(act(observation).astype(float))
@@ -131,7 +132,7 @@ def _run(
         person = world.people.person(row)
         yield DatasetEpisode(
             instruction(world.environment_id, world.settings),
-            **{name: own.pop(name) for name in [*own] if name not in images},
+            **{name: own.pop(name) for name in [*own] if name not in image_entries(cameras)},
             images=own,
             labels={
                 "attempt": number,

@@ -50,9 +50,9 @@ class AvrGymEnvConfig(EnvConfig):
     def __post_init__(self) -> None:
         environment = LeRobotEnv(f"avrgym/{self.task}", **self.gym_kwargs)
         spaces: Any = environment.observation_space
-        (size,) = environment.action_space.shape
+        actions: Any = environment.action_space
         environment.close()
-        self.features = {ACTION: PolicyFeature(FeatureType.ACTION, (size,))}
+        self.features = {ACTION: PolicyFeature(FeatureType.ACTION, actions.shape)}
         self.features_map = {ACTION: ACTION}
         for name, kind, feature in (
             ("agent_pos", FeatureType.STATE, OBS_STATE),
