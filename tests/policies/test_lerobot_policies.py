@@ -173,7 +173,9 @@ def test_an_act_policy_drives_a_session_that_replays_bit_by_bit(tmp_path: Path, 
     policy.reset(0, ENVIRONMENT)
     expected = [act(policy, np.array(step.observation)) for step in steps]
     policy.close()
-    np.testing.assert_array_equal([step.action for step in steps], np.clip(np.array(expected, np.float32), -1.0, 1.0))
+    np.testing.assert_array_equal(
+        [step.action for step in steps], np.clip(np.array(expected, np.float32), -1.0, 1.0)
+    )
 
 
 @pytest.mark.slow

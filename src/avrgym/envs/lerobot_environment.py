@@ -10,8 +10,8 @@ from avrgym.array_types import Float32Array, NumpyArray
 from avrgym.envs.single import AssistiveEnv
 from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation
 from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE, state_features
-from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.system.type_guards import is_table
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import instruction
 
 ENTRIES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
