@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.hosting import participant_app, session_pool
+from avrgym.hosting.data_requests import RequestedDeletions
 from avrgym.hosting.host import Host
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store, change_state
@@ -57,6 +58,22 @@ def test_endings_have_their_own_codes(served: Served) -> None:
     answers = {each.id: not each.required for each in served.host.store.design.inclusion}
     assert served.post("inclusion", other, answers=answers).status_code == 204
     assert served.stage(other)["code"] == "OUT"
+
+
+def test_data_are_deleted_on_request_while_no_session_runs(served: Served) -> None:
+    """A copy is only requested: an experimenter hands it over."""
+    store = served.host.store
+    pseudonym, token = served.admit()
+    assert served.post("copy", token).status_code == 204
+    experimenter = served.host.tokens.experimenter
+    view = served.request("GET", "/api/sessions", experimenter, experimenter=True).json()
+    assert pseudonym in view["copies_requested"]
+    assert served.post("deletion", token).status_code == 204
+    assert served.stage(token)["ending"] == "withdrawn"
+    RequestedDeletions(store, served.host.pool).delete()
+    assert [each.number for each in store.tombstones()] == [int(pseudonym.removeprefix("sub-"))]
+    assert served.request("GET", "/api/stage", token).status_code == 401
+    assert store.database.faults() == []
 
 
 def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:

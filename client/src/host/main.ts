@@ -30,6 +30,7 @@ interface View {
   missed_share: number;
   waiting: number;
   participants: Record<string, number>;
+  copies_requested: string[];
   sessions: Session[];
 }
 
@@ -76,6 +77,7 @@ class HostPage {
       `${view.waiting} wait`,
       `${(100 * view.missed_share).toFixed(2)} % of ticks given up`,
       ...states,
+      ...(view.copies_requested.length ? [`copies of data requested: ${view.copies_requested.join(", ")}`] : []),
     ].join(" · ");
     element("door-words").textContent = view.is_open
       ? "The study accepts participants and starts sessions."

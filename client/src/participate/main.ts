@@ -24,6 +24,7 @@ class ParticipatePage {
     this.texts.applyTo(document);
     this.confirm("withdraw", "withdrawal");
     this.confirm("delete", "deletion");
+    element("copy").addEventListener("click", () => void this.requestCopy());
     if (token) this.open(token);
     else if (invitation) await this.invite(invitation);
     else this.show([createElement("p", this.texts.get("host_need_link")), codeForm(this.texts, (code) => void this.exchange(code))]);
@@ -93,6 +94,13 @@ class ParticipatePage {
     await this.attempt(async () => {
       const code = (await this.api.code()).replace(/(\d{4})/, "$1 ");
       place.textContent = this.texts.get("host_use_code", { address: location.host, code });
+    });
+  }
+
+  private async requestCopy(): Promise<void> {
+    await this.attempt(async () => {
+      await this.api.act("copy");
+      element("copy").textContent = this.texts.get("host_copy_requested");
     });
   }
 

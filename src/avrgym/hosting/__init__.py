@@ -19,5 +19,6 @@ session continues with the first trial that is not complete.
 | ``session_process``, ``session_pool`` | processes of sessions and their supervision |
 | ``tunnel`` | WebSockets between browser and session |
 | ``participant_app``, ``experimenter_app`` | web applications of both servers |
+| ``data_requests`` | deletion and copies of data on request |
 | ``host`` | both servers together |
 """

@@ -13,6 +13,7 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
+from avrgym.hosting.data_requests import COPY_REQUESTED, requested
 from avrgym.hosting.participant_app import Door
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import HostedSession, SessionPool
@@ -132,6 +133,7 @@ def sessions_view(store: Store, pool: SessionPool, door: Door) -> dict[str, Any]
         "missed_share": pool.capacity.missed_share,
         "waiting": pool.waiting,
         "participants": {state: states.count(state) for state in PARTICIPANT if state in states},
+        "copies_requested": requested(store, COPY_REQUESTED),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }
 

@@ -4,6 +4,7 @@ from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 from avrgym.hosting.addresses import check_address
+from avrgym.hosting.data_requests import RequestedDeletions
 from avrgym.hosting.experimenter_app import experimenter_app
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.participant_app import Door, ParticipantTokens, Participation, participant_app
@@ -101,6 +102,7 @@ class Host:
     def __enter__(self) -> "Host":
         self._open.enter_context(self._experimenters)
         self._open.enter_context(self.pool)
+        self._open.enter_context(RequestedDeletions(self.store, self.pool))
         for server in (self._public, self._experimenter):
             server.start()
             self._open.callback(server.stop)

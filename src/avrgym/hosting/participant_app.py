@@ -19,13 +19,13 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from avrgym.hosting.addresses import participant_link
+from avrgym.hosting.data_requests import COPY_REQUESTED, DELETION_REQUESTED, requested
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import HostSettings
 from avrgym.hosting.stages import (
-    DELETION_REQUESTED,
     SAFETY_CONFIRMED,
     ConsentStage,
     InclusionStage,
@@ -210,6 +210,11 @@ def _request_deletion(own: Participation, pseudonym: str, _: Confirmation) -> No
     record_participant_event(own.store, pseudonym, DELETION_REQUESTED)
 
 
+def _request_copy(own: Participation, pseudonym: str, _: Confirmation) -> None:
+    if pseudonym not in requested(own.store, COPY_REQUESTED):
+        record_participant_event(own.store, pseudonym, COPY_REQUESTED)
+
+
 ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any], None]]] = {
     "consent": (ConsentDecision, _decide),
     "inclusion": (InclusionAnswers, _include),
@@ -218,6 +223,7 @@ ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any
     "leave": (Confirmation, _leave),
     "withdrawal": (Confirmation, _withdraw),
     "deletion": (Confirmation, _request_deletion),
+    "copy": (Confirmation, _request_copy),
 }
 """Type of the request body and function of each action of a participant, by the last part of its route."""
 

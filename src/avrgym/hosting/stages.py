@@ -15,7 +15,6 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, find_participant, record_event
 
 SAFETY_CONFIRMED = "safety confirmed"
-DELETION_REQUESTED = "deletion requested"
 ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
 """The ending of each final state of a participant; see ``HostSettings``."""
 
