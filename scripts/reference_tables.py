@@ -10,8 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.learning.evaluation import Evaluation, wilson_interval
+from avrgym.people.zoo.commanding import COMMANDING_SETS
 from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS
-from avrgym.people.zoo.styles import PARAMETER_SOURCES, STYLES, Style
+from avrgym.people.zoo.styles import (
+    COMMAND_SOURCES,
+    COMMANDING,
+    COMMANDING_STYLE,
+    PARAMETER_SOURCES,
+    STYLES,
+    Style,
+)
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
@@ -182,27 +190,35 @@ def training_settings() -> Lines:
     return iter([*settings_table(), ""])
 
 
+ALL_STYLES = {**STYLES, COMMANDING: COMMANDING_STYLE}
+_STYLE_SETS = {**SINGLE_STYLE_SETS, **COMMANDING_SETS}
+
+
 def zoo_styles() -> Lines:
     """What people of each style do, and the sources."""
     return table(
         ("style", "behaviour", "sources"),
-        [(f"`{name}`", style.description, style.source) for name, style in STYLES.items()],
+        [(f"`{name}`", style.description, style.source) for name, style in ALL_STYLES.items()],
     )
 
 
 def zoo_parameters() -> Lines:
     """The source of each behaviour parameter, or that it is an assumption."""
-    return table(("parameter", "source"), [(f"`{name}`", text) for name, text in PARAMETER_SOURCES.items()])
+    sources = {**PARAMETER_SOURCES, **COMMAND_SOURCES}
+    return table(("parameter", "source"), [(f"`{name}`", text) for name, text in sources.items()])
 
 
 def zoo_partners() -> Lines:
     """Which parameters each style moves along which axis, and how many partners it has."""
     rows = [
         (f"`{name}`", *(_ranges(style, axis) for axis in AXES), _counts(name))
-        for name, style in STYLES.items()
+        for name, style in ALL_STYLES.items()
     ]
     total = " + ".join(str(len(partners)) for partners in ZOOS.values())
-    return table(("style", *AXES, "partners, train + unseen + extreme"), [*rows, ("all", "", "", "", total)])
+    all_but = f"all but `{COMMANDING}`"
+    return table(
+        ("style", *AXES, "partners, train + unseen + extreme"), [*rows, (all_but, "", "", "", total)]
+    )
 
 
 def _ranges(style: Style, axis: str) -> str:
@@ -210,7 +226,7 @@ def _ranges(style: Style, axis: str) -> str:
 
 
 def _counts(name: str) -> str:
-    return " + ".join(str(len(SINGLE_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOOS)
+    return " + ".join(str(len(_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOOS)
 
 
 def instruments() -> Lines:

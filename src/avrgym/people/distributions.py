@@ -20,6 +20,7 @@ from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.people.measured_bodies import sample_bodies
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ALLOWED_PEOPLE, ANTHROPOMETRIC, ORIGINAL, PARTICIPANTS, REVISED
+from avrgym.people.zoo.commanding import COMMANDING_SETS
 from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet, sample_fitted_partners
 
 if TYPE_CHECKING:
@@ -79,9 +80,8 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
     ),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
-_NAMED = DISTRIBUTIONS | {
-    name: replace(_REVISED, partners=partners) for name, partners in SINGLE_STYLE_SETS.items()
-}
+_STYLES: Mapping[str, PartnerSet] = {**SINGLE_STYLE_SETS, **COMMANDING_SETS}
+_NAMED = DISTRIBUTIONS | {name: replace(_REVISED, partners=partners) for name, partners in _STYLES.items()}
 MOTION_VERSIONS = (1, MOTION_VERSION)
 NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = _NAMED | {
     f"{name}@{version}": replace(distribution, motion_version=version)

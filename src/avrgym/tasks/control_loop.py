@@ -166,8 +166,12 @@ class ControlLoop:
         return self.pacing.command_input()
 
     def _paced(self, actions: FloatArray) -> FloatArray:
-        """Returns actions (N, A), changed by the pacing layer. Call it once per control step."""
-        return actions if self.pacing is None else self.pacing.override(actions)
+        """Returns actions (N, A), changed by the pacing layer after partners' commands. Call it once per step."""
+        if self.pacing is None:
+            return actions
+        for command, worlds in self._episodes.partner_commands(self.pacing.waiting, self.pacing.speed_factor):
+            self.take_command(command, worlds)
+        return self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
         """Returns the actions (N, A). The withdrawal replaces the actions of the worlds that it controls."""

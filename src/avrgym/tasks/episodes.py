@@ -11,6 +11,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.vocabulary import CommandName
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models import robot as robot_model
@@ -18,6 +19,7 @@ from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
 from avrgym.models.scene import SUBSTEPS
 from avrgym.people import cooperation
+from avrgym.people.zoo.commanding import PARTNER_RULES
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartClearance
 from avrgym.simulation.worlds import Simulation, Start, State
@@ -96,7 +98,8 @@ class Episodes:
             withdraw_after_success: whether the robot withdraws its tool after success, see ``safety.withdrawal``. This
                 applies to tasks that end with success. Steps that the withdrawal controls have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
-            rules: commands and preferences of the people, see ``safety.pacing``; ``None``: no pacing layer.
+            rules: commands and preferences of the people, see ``safety.pacing``; ``None``: no pacing layer, or
+                ``PARTNER_RULES`` for people that give commands.
             settings: changes of scene and control.
 
         Raises:
@@ -111,8 +114,6 @@ class Episodes:
             raise ValueError(
                 f"force_guard is not possible on a device; set on_device=False, or use engine {THREADS!r}"
             )
-        if rules is not None and engine != THREADS:
-            raise ValueError(f"rules for pacing are not possible with engine {engine!r}; allowed: {THREADS}")
         self._made_with = {
             "people": people,
             "person": person,
@@ -142,6 +143,13 @@ class Episodes:
             human_actions=human_actions,
             settings=settings,
         )
+        if rules is None and self._people.commands is not None:
+            rules = PARTNER_RULES
+        if rules is not None and engine != THREADS:
+            raise ValueError(
+                f"rules for pacing and people that give commands are not possible with engine {engine!r}; "
+                f"allowed: {THREADS}"
+            )
         acts_each_step = self._people.move and (self._people.need_host or on_device)
         if acts_each_step and settings.control_hz != DEFAULTS.control_hz:
             raise ValueError(
@@ -358,6 +366,17 @@ class Episodes:
     def _command_people_by_themselves(self) -> None:
         if self._people.move:
             self.simulation.command_person(*self._people.step(self.simulation.state))
+
+    def partner_commands(
+        self, waiting: BoolArray, speed_factor: FloatArray
+    ) -> Iterable[tuple[CommandName, BoolArray]]:
+        """Returns the commands of simulated people for the next control step, each with a mask (N,) of worlds.
+
+        ``waiting`` and ``speed_factor`` (N,) are those of the pacing layer.
+        """
+        if self._people.commands is None:
+            return ()
+        return self._people.commands.step(waiting, speed_factor, self.scene.control_step_s)
 
     def step_physics(self, substep: int, count: int) -> None:
         """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on.

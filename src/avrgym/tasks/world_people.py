@@ -19,6 +19,7 @@ from avrgym.people.impaired_motion import ImpairedState, MotorSigns
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
+from avrgym.people.zoo.commanding import CommandingPartners, PartnerCommands
 from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
 from avrgym.simulation.state import State
 from avrgym.tasks.behaviour_model import BehaviourModel
@@ -70,6 +71,7 @@ class WorldPeople:
     Attributes:
         trained: the trained policies that move people, if any.
         move: whether people move during episodes.
+        commands: the commands of partners to the robot; ``None`` if these people give none.
         smooth: whether their joint targets change every 10 ms.
         glide: whether joint targets that change every 0.1 s are interpolated.
         extra_clearance_m: additional clearance that their motion needs.
@@ -144,6 +146,10 @@ class WorldPeople:
         versions = {each.distribution.motion_version for each in self._populations}
         self.smooth = self.move and not self._actions and versions == {MOTION_VERSION}
         self.glide = self.move and not self.smooth and (self._actions or are_partners or clinical)
+        own = self._populations[0].distribution.partners
+        self.commands = None
+        if isinstance(own, CommandingPartners) and self.move and not self._actions:
+            self.commands = PartnerCommands(own, num_worlds)
         self._num_worlds = num_worlds
         self._steps_per_target = max(1, round(CONTROL_STEP_S / scene.control_step_s))
         self._steps = np.zeros(num_worlds, dtype=int)
@@ -210,6 +216,8 @@ class WorldPeople:
             start = impaired_motion.initial_state(people.joint_angles_rad)
             self._motion = replace_worlds(self._motion, start, ids)
         self._steps[ids] = 0
+        if self.commands is not None:
+            self.commands.reset(ids, for_behaviour)
         if self.trained is not None:
             self.trained.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
         return people
@@ -332,6 +340,7 @@ class WorldPeople:
             "behaviour": self._behaviour.snapshot(),
             "trained": None if self.trained is None else self.trained.snapshot(),
             "steps": self._steps.copy(),
+            "commands": None if self.commands is None else self.commands.snapshot(),
             "impaired": (self._signs, self._motion),
         }
 
@@ -340,6 +349,8 @@ class WorldPeople:
         self._set_people(snapshot["people"])
         self._behaviour.restore(snapshot["behaviour"])
         self._steps = snapshot["steps"].copy()
+        if self.commands is not None:
+            self.commands.restore(snapshot["commands"])
         self._signs, self._motion = snapshot["impaired"]
         if self.trained is not None:
             self.trained.restore(snapshot["trained"])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
+from avrgym.commands.preferences import MAX_SPEED_FACTOR, MIN_SPEED_FACTOR
 from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like, namespace
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
@@ -39,6 +40,8 @@ PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "tremor_hz": (2.0, 12.0),
     "strength_share": (0.1, 1.0),
     "range_share": (0.2, 1.0),
+    "ready_delay_s": (0.1, np.inf),
+    "comfortable_speed": (MIN_SPEED_FACTOR, MAX_SPEED_FACTOR),
 }
 """Bounds of parameters; for other parameters 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
 ANY_VALUE = (0.0, np.inf)
@@ -135,7 +138,7 @@ def _partners() -> tuple[Partner, ...]:
     )
 
 
-def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
+def style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style at levels on its axes."""
     return {
         trait: float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(trait, ANY_VALUE)))
@@ -157,7 +160,7 @@ def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
     )
 
 
-PARTNER_PARAMETERS = parameters_of([_style_values(STYLES[each.style], each.levels) for each in PARTNERS])
+PARTNER_PARAMETERS = parameters_of([style_values(STYLES[each.style], each.levels) for each in PARTNERS])
 """Parameters of all ``PARTNERS``, in the same order."""
 
 

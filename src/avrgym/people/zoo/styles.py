@@ -170,3 +170,19 @@ PARAMETER_SOURCES: Mapping[str, str] = {
     "range_share": "Erickson et al. 2020",
 }
 """Source of each behaviour parameter's range. ``Style.source`` contains the references."""
+
+COMMANDING = "commanding"
+COMMANDING_STYLE = Style(
+    "cooperate, and command the robot: ready when it waits, slower or faster to a comfortable speed, sometimes wait",
+    "motion as cooperating; the commands are our assumption",
+    delay=SIMPLE_REACTION | {"ready_delay_s": (0.6, 2.5)},
+    amplitude=APPROACH | SWAY | {"comfortable_speed": (0.5, 1.1)},
+    tempo=USUAL_SPEED | SWAY_RATE | {"wait_per_min": (0.0, 6.0)},
+)
+"""The style of partners that give commands, see ``people.zoo.commanding``. Only its own populations contain it."""
+COMMAND_SOURCES: Mapping[str, str] = {
+    "ready_delay_s": ASSUMPTION,
+    "comfortable_speed": ASSUMPTION,
+    "wait_per_min": ASSUMPTION,
+}
+"""Source of the range of each parameter of ``CommandParameters``."""

@@ -1,0 +1,132 @@
+"""Partners that command the robot: the style ``commanding``. They move like ``cooperating`` people.
+
+Their populations are ``zoo/train/commanding``, ``zoo/unseen/commanding`` and ``zoo/extreme/commanding``. The other
+populations do not contain them, because their robot waits before mouth or arm, see ``safety.pacing``.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.commands.preferences import SPEED_STEP, AppliedRules, CommandRules, apply_preferences
+from avrgym.commands.vocabulary import CommandName
+from avrgym.people.zoo.partners import STYLE_LEVELS, PartnerSet, parameters_of, style_values
+from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING, COMMANDING_STYLE
+
+PARTNER_RULES: AppliedRules = apply_preferences(
+    CommandRules(policy="", commands=("ready", "wait", "slower", "faster", "stop"), sources=("key",)), None
+)
+"""Rules of the pacing layer for these partners, unless the caller gives others."""
+
+
+@dataclass(frozen=True)
+class CommandParameters:
+    """How P partners give commands, arrays (P,).
+
+    Attributes:
+        ready_delay_s: time from the start of the robot's wait to the command ``ready``.
+        comfortable_speed: speed factor at which the partner commands no change of speed.
+        wait_per_min: commands ``wait`` per minute in which the robot does not wait.
+    """
+
+    ready_delay_s: FloatArray
+    comfortable_speed: FloatArray
+    wait_per_min: FloatArray
+
+    def of(self, rows: IntArray) -> "CommandParameters":
+        """Returns the parameters of the partners ``rows``."""
+        return CommandParameters(*(array[rows] for array in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class CommandingPartners(PartnerSet):
+    """A set of partners that give commands. ``commands`` has the rows of ``parameters``."""
+
+    commands: CommandParameters
+
+
+def _partners_of(zoo: str) -> CommandingPartners:
+    values = [
+        style_values(COMMANDING_STYLE, levels)
+        for levels in product(*(STYLE_LEVELS[zoo] for _ in COMMANDING_STYLE.axes))
+    ]
+    commands = CommandParameters(*(np.array([each[name] for each in values]) for name in COMMAND_SOURCES))
+    return CommandingPartners(parameters_of(values), ((0, len(values)),), commands)
+
+
+COMMANDING_SETS: Mapping[str, CommandingPartners] = {
+    f"{zoo}/{COMMANDING}": _partners_of(zoo) for zoo in STYLE_LEVELS
+}
+
+
+CommandState = tuple[CommandParameters, FloatArray, FloatArray, FloatArray]
+
+
+class PartnerCommands:
+    """The commands of partners in N worlds. A command is given at the start of a control step.
+
+    The times between commands ``wait`` are equal. The first one comes after a random share of this time.
+    """
+
+    def __init__(self, partners: CommandingPartners, worlds: int) -> None:
+        """Start without partners; call ``reset``."""
+        self._partners = partners
+        self._parameters = partners.commands.of(np.zeros(worlds, dtype=np.intp))
+        self._waited_s: FloatArray = np.zeros(worlds)
+        self._moved_s: FloatArray = np.zeros(worlds)
+        self._phase: FloatArray = np.zeros(worlds)
+
+    def reset(self, ids: IntArray, uniforms: FloatArray) -> None:
+        """Start episodes in worlds ``ids`` (n,). ``uniforms`` (n, 3) sample the partners and their first ``wait``."""
+        own = self._partners.commands.of(self._partners.draw_rows(uniforms[:, :2]))
+        self._parameters = CommandParameters(
+            *(
+                _with_rows(array, ids, values)
+                for array, values in zip(vars(self._parameters).values(), vars(own).values(), strict=True)
+            )
+        )
+        self._waited_s = _with_rows(self._waited_s, ids, 0.0)
+        self._moved_s = _with_rows(self._moved_s, ids, 0.0)
+        self._phase = _with_rows(self._phase, ids, uniforms[:, 2])
+
+    def step(
+        self, waiting: BoolArray, speed_factor: FloatArray, step_s: float
+    ) -> Iterator[tuple[CommandName, BoolArray]]:
+        """Yields the commands of this control step, each with a mask (N,) of worlds.
+
+        Args:
+            waiting: worlds (N,) in which the robot waits.
+            speed_factor: its speed factors (N,).
+            step_s: duration of a control step.
+        """
+        begins = waiting & (self._waited_s == 0.0)
+        excess = speed_factor - self._parameters.comfortable_speed
+        yield "slower", begins & (excess > 0.5 * SPEED_STEP)
+        yield "faster", begins & (excess < -0.5 * SPEED_STEP)
+        self._waited_s = np.where(waiting, self._waited_s + step_s, 0.0)
+        yield "ready", waiting & (self._waited_s >= self._parameters.ready_delay_s)
+        before = self._wait_count()
+        self._moved_s = np.where(waiting, self._moved_s, self._moved_s + step_s)
+        yield "wait", self._wait_count() > before
+
+    def _wait_count(self) -> FloatArray:
+        """Returns the number of commands ``wait`` until now (N,)."""
+        return np.floor(self._moved_s * self._parameters.wait_per_min / 60.0 + self._phase)
+
+    def snapshot(self) -> CommandState:
+        """Returns the state on which the next steps depend."""
+        return self._parameters, self._waited_s, self._moved_s, self._phase
+
+    def restore(self, snapshot: CommandState) -> None:
+        """Restore a state from ``snapshot``."""
+        self._parameters, self._waited_s, self._moved_s, self._phase = snapshot
+
+
+def _with_rows(array: FloatArray, ids: IntArray, values: FloatArray | float) -> FloatArray:
+    """Returns a copy of an array (N,) with new values in the rows ``ids``."""
+    changed = array.copy()
+    changed[ids] = values
+    return changed
