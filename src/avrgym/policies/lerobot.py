@@ -57,18 +57,28 @@ def is_lerobot(name: str) -> bool:
 
 
 def weights_file(name: str) -> Path:
-    """Returns the file of weights of the policy ``lerobot:FOLDER``."""
-    return Path(name.removeprefix(PREFIX)) / WEIGHTS
+    """Returns the file of weights of the policy ``lerobot:FOLDER``.
+
+    Raises:
+        PolicyError: if it is missing.
+    """
+    file = Path(name.removeprefix(PREFIX)) / WEIGHTS
+    if not file.is_file():
+        raise PolicyError(f"{name}: the file {WEIGHTS} is missing; copy the whole folder pretrained_model")
+    return file
 
 
 def plugin_of_lerobot(name: str) -> UsedPlugin:
-    """Returns the policy ``lerobot:FOLDER`` with the hash of its files."""
+    """Returns the policy ``lerobot:FOLDER`` with the hash of its files; the hash is empty without files."""
+    files = [
+        *Path(name.removeprefix(PREFIX)).glob("*.json"),
+        *Path(name.removeprefix(PREFIX)).glob("*.safetensors"),
+    ]
     found = hashlib.sha256()
-    for path in sorted(Path(name.removeprefix(PREFIX)).glob("*")):
-        if path.suffix in (".json", ".safetensors") and path.name != "train_config.json":
-            data = path.read_bytes()
-            found.update(f"{path.name}\0{len(data)}\0".encode() + data)
-    return UsedPlugin("controller", name, name, sha256=found.hexdigest())
+    for path in sorted(files):
+        data = path.read_bytes()
+        found.update(f"{path.name}\0{len(data)}\0".encode() + data)
+    return UsedPlugin("controller", name, name, sha256=found.hexdigest() if files else "")
 
 
 def find_lerobot(
@@ -129,8 +139,7 @@ def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, 
             f"{name}: the folder contains no LeRobot policy ({type(error).__name__}: {error}); allowed: a folder "
             "pretrained_model of lerobot-train"
         ) from error
-    if not (folder / WEIGHTS).is_file():
-        raise PolicyError(f"{name}: the file {WEIGHTS} is missing; copy the whole folder pretrained_model")
+    weights_file(name)
     return shapes[0], shapes[1]
 
 
