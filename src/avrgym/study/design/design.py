@@ -269,7 +269,7 @@ def _check(design: Design, folder: Path) -> None:
             ("policies", index),
             policy,
             _POLICY,
-            "a packaged policy or another by its name, MODULE:ATTRIBUTE, lerobot:FOLDER, or a folder in the study's folder",
+            "the name of a policy, MODULE:ATTRIBUTE, lerobot:FOLDER, or a folder in the study's folder",
         )
     if design.practice_policy:
         check_pattern(

@@ -175,8 +175,8 @@ class Store:
         names = [*named_policies(environment), OPERATOR]
         if policy not in names and ":" not in policy:
             raise PolicyError(
-                f"no policy {policy!r} for {environment}; allowed: {', '.join(names)}, MODULE:ATTRIBUTE, lerobot:FOLDER, "
-                f"or the study's own as {' or '.join(own)} in its folder"
+                f"no policy {policy!r} for {environment}; allowed: {', '.join(names)}, MODULE:ATTRIBUTE, "
+                f"lerobot:FOLDER, or the study's own as {' or '.join(own)} in its folder"
             )
         return policy
 
